@@ -58,7 +58,7 @@ def campaign(folder: Path, n: int, duration: float, mass: str = _MASSES[""]) -> 
 
 def overhead(found: Campaign, runs: int) -> float:
     """CPU time of a run outside its simulation, s: median."""
-    job = found._job(own=False)
+    job = found._job(exclusive=False)
     simulated: list[float] = []
     whole: Callable[..., Any] = Simulation.run
 
@@ -76,7 +76,7 @@ def overhead(found: Campaign, runs: int) -> float:
 def dispersed(folder: Path, runs: int) -> float:
     """CPU time of a run of ``baseline-dispersed`` in a pool of two processes, s: median over the first runs."""
     found = Campaign.load("baseline-dispersed", folder / "dispersed", overrides=["keep.failures=0"])
-    job = found._job(own=False)
+    job = found._job(exclusive=False)
     with Processes(2) as pool:
         made = [pool.submit(execute_runs, job, [(i, found.design.overrides(i))]) for i in range(runs)]
         return statistics.median(row.cpu_s for future in made for row in future.result())
@@ -84,7 +84,7 @@ def dispersed(folder: Path, runs: int) -> float:
 
 def rate(found: Campaign, pool: Executor, first: int, runs: int) -> float:
     """Runs per second, one run per task."""
-    job = found._job(own=False)
+    job = found._job(exclusive=False)
     begun = time.perf_counter()
     made = [pool.submit(execute_runs, job, [(i, found.design.overrides(i))]) for i in range(first, first + runs)]
     for future in made:
@@ -102,7 +102,7 @@ def memory_MiB(pool: Executor) -> float:
 def growth(found: Campaign, runs: int) -> tuple[float, float]:
     """Memory of a worker after two fifths of its runs and after all runs, MiB."""
     with Processes(1) as pool:
-        job = found._job(own=False)
+        job = found._job(exclusive=False)
         batch = [(i, found.design.overrides(i)) for i in range(runs)]
         pool.submit(execute_runs, job, batch[: runs * 2 // 5]).result()
         early = memory_MiB(pool)

@@ -12,10 +12,10 @@ from itertools import pairwise
 
 def attribute_docstrings(cls: type) -> dict[str, str]:
     """Docstrings below the annotated attributes of a class and its bases, by name; none of a class without source."""
-    found: dict[str, str] = {}
-    for each in reversed(cls.__mro__):
-        found |= _of_module(each.__module__).get(each.__qualname__.replace("<locals>.", ""), {})
-    return found
+    docstrings: dict[str, str] = {}
+    for base in reversed(cls.__mro__):
+        docstrings |= _of_module(base.__module__).get(base.__qualname__.replace("<locals>.", ""), {})
+    return docstrings
 
 
 @cache

@@ -45,7 +45,7 @@ def conditions(text: str) -> tuple[Condition, ...]:
     Raises:
         ValueError: The text is not a condition; the message lists what is allowed.
     """
-    found = []
+    parsed = []
     for part in re.split(r"\band\b", text):
         match = _CONDITION.fullmatch(part)
         if match is None:
@@ -54,8 +54,8 @@ def conditions(text: str) -> tuple[Condition, ...]:
                 f"joined by 'and'; operators: {', '.join(_COMPARISONS)}"
             )
         metric, comparison, bound = match.groups()
-        found.append(Condition(metric, comparison, _number(bound)))
-    return tuple(found)
+        parsed.append(Condition(metric, comparison, _number(bound)))
+    return tuple(parsed)
 
 
 def _number(text: str) -> float:

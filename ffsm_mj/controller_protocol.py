@@ -50,7 +50,7 @@ from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.inputs import SetpointLaw, setpoint_law
 from ffsm_mj.model.system import Joint, SharedJoints, System, Tree, driven_bodies, shared_joints
 from ffsm_mj.records.columns import Columns
-from ffsm_mj.records.command import Command, GivenCommand
+from ffsm_mj.records.command import Command, ExternalCommand
 from ffsm_mj.records.contact_forces import ActiveContact
 from ffsm_mj.records.events import ControllerReport, ImpactRecord, PhaseRecord
 from ffsm_mj.records.kinds import kind_named
@@ -77,11 +77,11 @@ __all__ = [
     "Drives",
     "EffortLimits",
     "Estimator",
+    "ExternalCommand",
     "Fault",
     "FileName",
     "Finishes",
     "FloatArray",
-    "GivenCommand",
     "Grasp",
     "HasState",
     "ImpactRecord",

@@ -59,11 +59,11 @@ class Faults:
     """Collects the faults of a scenario by key. A context manager: leaving it raises them together, if there are any."""
 
     def __init__(self) -> None:
-        self.found: list[Fault] = []
+        self.collected: list[Fault] = []
 
     def add(self, message: str, *path: str | int) -> None:
         """Add a fault at some keys."""
-        self.found.append(Fault(message, path))
+        self.collected.append(Fault(message, path))
 
     @contextmanager
     def below(self, *path: str | int, prefix: str = "") -> Iterator[None]:
@@ -71,18 +71,18 @@ class Faults:
         try:
             yield
         except ScenarioFaults as error:
-            self.found += [
+            self.collected += [
                 replace(fault, message=prefix + fault.message, path=(*path, *fault.path)) for fault in error.faults
             ]
         except LookupError as error:
-            self.found.append(Fault(f"{prefix}{error.args[0]}", path))
+            self.collected.append(Fault(f"{prefix}{error.args[0]}", path))
 
     def __enter__(self) -> Faults:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if kind is None and self.found:
-            raise ScenarioFaults(self.found)
+        if kind is None and self.collected:
+            raise ScenarioFaults(self.collected)
 
 
 @contextmanager
@@ -100,9 +100,9 @@ def raised_by_plugin(error: BaseException | None) -> Exception | None:
     """The exception of a plug-in from which an error follows, with its traceback; None if it follows from none."""
     while error is not None:
         faults = error.faults if isinstance(error, ScenarioFaults) else ()
-        found = next((fault.raised for fault in faults if fault.raised is not None), None)
-        if found is not None:
-            return found
+        collected = next((fault.raised for fault in faults if fault.raised is not None), None)
+        if collected is not None:
+            return collected
         error = error.__cause__
     return None
 
@@ -222,9 +222,9 @@ def raised_in(error: BaseException) -> FrameSummary | None:
     that asks for it. None if the exception passed through libraries only.
     """
     frames = [f for f in extract_tb(error.__traceback__) if f.lineno and not f.filename.startswith("<frozen ")]
-    here = [f for f in frames if _PACKAGE in Path(f.filename).parents]
-    users = [f for f in frames if f not in here and not any(library in Path(f.filename).parents for library in _LIBRARIES)]
-    return next(iter((users or here)[::-1]), None)
+    inside = [f for f in frames if _PACKAGE in Path(f.filename).parents]
+    users = [f for f in frames if f not in inside and not any(library in Path(f.filename).parents for library in _LIBRARIES)]
+    return next(iter((users or inside)[::-1]), None)
 
 
 def unknown_name(kind: str, name: str, valid: Iterable[str]) -> str:

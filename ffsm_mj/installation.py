@@ -40,8 +40,8 @@ def build_again() -> str:
 
 def add(*what: str) -> str:
     """Command that installs packages, or with ``-e`` a folder, into this environment."""
-    if _made_by_uv():
-        return f"uv pip install {'' if _found_by_uv() else f'--python {quote(sys.executable)} '}{join(what)}"
+    if _is_uv_project():
+        return f"uv pip install {'' if _is_uv_environment() else f'--python {quote(sys.executable)} '}{join(what)}"
     return f"{_python()} -m pip install {join(what)}"
 
 
@@ -65,10 +65,10 @@ def _in_checkout() -> bool:
         project = tomllib.loads((Path(sys.prefix).parent / "pyproject.toml").read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return False
-    return _made_by_uv() and project.get("project", {}).get("name") == _PROJECT
+    return _is_uv_project() and project.get("project", {}).get("name") == _PROJECT
 
 
-def _made_by_uv() -> bool:
+def _is_uv_project() -> bool:
     """Whether uv made this environment, which then has no pip."""
     try:
         lines = (Path(sys.prefix) / "pyvenv.cfg").read_text(encoding="utf-8").splitlines()
@@ -77,12 +77,12 @@ def _made_by_uv() -> bool:
     return any(line.partition("=")[0].strip() == "uv" for line in lines)
 
 
-def _found_by_uv() -> bool:
+def _is_uv_environment() -> bool:
     """Whether ``uv pip``, typed where the present command was typed, uses this environment."""
     prefix = Path(sys.prefix).resolve()
     activated = os.environ.get("VIRTUAL_ENV")
     if activated and not under_uv(""):  # uv run sets the variable for its child only
         return Path(activated).resolve() == prefix
-    here = Path.cwd()
-    nearest = next((folder / ".venv" for folder in (here, *here.parents) if (folder / ".venv").is_dir()), None)
+    current = Path.cwd()
+    nearest = next((folder / ".venv" for folder in (current, *current.parents) if (folder / ".venv").is_dir()), None)
     return nearest is not None and nearest.resolve() == prefix

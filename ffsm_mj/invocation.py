@@ -82,8 +82,8 @@ def under_uv(words: str) -> str:
 def project_option() -> str:
     """``--project DIR`` where uv would not find the project of this environment from the current folder, else empty."""
     project = Path(sys.prefix).parent
-    here = Path.cwd()
-    nearest = next((folder for folder in (here, *here.parents) if (folder / "pyproject.toml").is_file()), None)
+    current = Path.cwd()
+    nearest = next((folder for folder in (current, *current.parents) if (folder / "pyproject.toml").is_file()), None)
     known = nearest is not None and nearest.resolve() == project.resolve()
     return "" if known or not (project / "pyproject.toml").is_file() else f"--project {quote(str(project))} "
 
@@ -91,5 +91,5 @@ def project_option() -> str:
 def short(program: str) -> str:
     """A program by its name alone, if the shell finds the same one under this name."""
     path = Path(program)
-    found = shutil.which(path.name)
-    return path.name if found is not None and path.exists() and Path(found).absolute() == path.absolute() else program
+    on_path = shutil.which(path.name)
+    return path.name if on_path is not None and path.exists() and Path(on_path).absolute() == path.absolute() else program

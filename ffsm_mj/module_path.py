@@ -39,6 +39,6 @@ def importable_elsewhere(module: str) -> bool:
         return False
     files = [os.path.dirname(folder) for folder in top.submodule_search_locations or ()]
     files += [os.path.dirname(top.origin)] if not files and top.origin else []
-    given = {os.path.realpath(entry) for entry in sys.path if entry}
-    here = os.path.realpath(os.getcwd())
-    return here in given or not any(os.path.realpath(folder) == here for folder in files)
+    entries = {os.path.realpath(entry) for entry in sys.path if entry}
+    current = os.path.realpath(os.getcwd())
+    return current in entries or not any(os.path.realpath(folder) == current for folder in files)

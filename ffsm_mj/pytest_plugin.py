@@ -47,12 +47,12 @@ def ffsm_run(tmp_path_factory: pytest.TempPathFactory) -> RunFactory:
         import ffsm_mj
         from ffsm_mj.errors import InputError
 
-        given = sorted(overrides.items()) if isinstance(overrides, Mapping) else list(overrides)
+        changes = sorted(overrides.items()) if isinstance(overrides, Mapping) else list(overrides)
         path = Path(source)
         logged = path.is_dir() or ".mcap" in path.suffixes
-        where, what = str(path.resolve()) if path.exists() else str(source), repr(given)
+        where, what = str(path.resolve()) if path.exists() else str(source), repr(changes)
         if (where, what, True) not in cache and (where, what, rerun) not in cache:
-            if logged and given:
+            if logged and changes:
                 raise ValueError(f"{source} is a finished run: overrides can change nothing in it")
             folder = path if logged else tmp_path_factory.mktemp("ffsm-runs") / path.stem
             try:

@@ -20,20 +20,20 @@ def did_you_mean(name: str, valid: Iterable[str]) -> str:
 def most_similar_first(name: str, names: Iterable[str]) -> list[str]:
     """Names by their similarity to one that does not exist, without the prefix of a model; equal ones by alphabet."""
     asked = name.lower().rpartition("/")[2]
-    return sorted(names, key=lambda each: (-SequenceMatcher(None, asked, each.lower().rpartition("/")[2]).ratio(), each))
+    return sorted(names, key=lambda one: (-SequenceMatcher(None, asked, one.lower().rpartition("/")[2]).ratio(), one))
 
 
 def similar_name(name: str, names: Sequence[str]) -> str:
     """The name that was probably meant: equal but for case, similar as a whole, or with one part as it was written."""
     asked = name.lower()
-    lower = {each.lower(): each for each in reversed(names)}
+    lower = {one.lower(): one for one in reversed(names)}
     close = get_close_matches(asked, lower, n=1) if asked not in lower else [asked]
-    own = {each.rpartition("/")[2]: each for each in lower}  # without the prefix of a model
-    close = close or [own[each] for each in get_close_matches(asked, own, n=1)]
+    short_names = {full.rpartition("/")[2]: full for full in lower}  # without the prefix of a model
+    close = close or [short_names[match] for match in get_close_matches(asked, short_names, n=1)]
     # Similarity is relative to the length: of a short name one wrong letter is too much for it.
-    close = close or [each for each in lower if len(each) <= _SHORT and _one_letter_apart(asked, each)]
-    close = close or [each for each in lower if len(asked) > 1 and asked in _SEPARATORS.split(each)]
-    close = close or [each for each in lower if len(asked) > 2 and each.startswith(asked)]
+    close = close or [one for one in lower if len(one) <= _SHORT and _one_letter_apart(asked, one)]
+    close = close or [one for one in lower if len(asked) > 1 and asked in _SEPARATORS.split(one)]
+    close = close or [one for one in lower if len(asked) > 2 and one.startswith(asked)]
     return lower[close[0]] if close else ""
 
 
@@ -54,9 +54,9 @@ def similar_file(path: Path) -> str:
     except OSError:
         return ""
     # Stems only: files of one kind would be similar by their suffix alone.
-    stems = {each.stem: each for each in there if each != path and (each.suffix == path.suffix or not path.suffix)}
-    found = similar_name(path.stem, list(stems))
-    if not found:  # the same name with another suffix
-        found = next((each.stem for each in there if path.suffix and each.stem == path.stem), "")
-        stems = {each.stem: each for each in there}
-    return f" (did you mean {str(stems[found])!r}?)" if found else ""
+    stems = {file.stem: file for file in there if file != path and (file.suffix == path.suffix or not path.suffix)}
+    similar = similar_name(path.stem, list(stems))
+    if not similar:  # the same name with another suffix
+        similar = next((file.stem for file in there if path.suffix and file.stem == path.stem), "")
+        stems = {file.stem: file for file in there}
+    return f" (did you mean {str(stems[similar])!r}?)" if similar else ""

@@ -65,7 +65,9 @@ class Stateful:
 
     def get_state(self) -> Any:
         """What it remembers: a ``State`` of its own, which shares nothing with the part."""
-        return self.State(**{name: _told(getattr(self, own)) for name, own, _ in _attributes(type(self), self)})
+        return self.State(
+            **{name: _copied(getattr(self, attribute)) for name, attribute, _ in _attributes(type(self), self)}
+        )
 
     def set_state(self, state: Any) -> None:
         """Take back a state; one that was read from bytes is a mapping.
@@ -73,13 +75,13 @@ class Stateful:
         Raises:
             StateError: It does not fit.
         """
-        told = entries(state, [each.name for each in fields(self.State)], type(self).__qualname__)
-        for name, own, kind in _attributes(type(self), self):
+        values = entries(state, [field.name for field in fields(self.State)], type(self).__qualname__)
+        for name, attribute, kind in _attributes(type(self), self):
             where = f"{type(self).__qualname__}.{name}"
-            present = getattr(self, own)
-            if not _set_parts(present, told[name], where):
+            present = getattr(self, attribute)
+            if not _set_parts(present, values[name], where):
                 # Frozen dataclasses have a state too.
-                object.__setattr__(self, own, _written(present, told[name], kind, where))
+                object.__setattr__(self, attribute, _written(present, values[name], kind, where))
 
 
 def _attributes(kind: type[Any], part: Any) -> list[tuple[str, str, str]]:
@@ -87,11 +89,11 @@ def _attributes(kind: type[Any], part: Any) -> list[tuple[str, str, str]]:
     known = _IN_PLACE | _PLAIN
     return [
         (
-            each.name,
-            f"_{each.name}" if hasattr(part, f"_{each.name}") else each.name,
-            next((name for name, annotation in known.items() if each.type in (name, annotation)), str(each.type)),
+            field.name,
+            f"_{field.name}" if hasattr(part, f"_{field.name}") else field.name,
+            next((name for name, annotation in known.items() if field.type in (name, annotation)), str(field.type)),
         )
-        for each in fields(kind.State)
+        for field in fields(kind.State)
     ]
 
 
@@ -106,18 +108,18 @@ def entries(state: Any, names: Sequence[str], where: str) -> Mapping[str, Any]:
     Raises:
         StateError: It has others.
     """
-    told = {each.name: getattr(state, each.name) for each in fields(state)} if is_dataclass(state) else state
-    if not isinstance(told, Mapping) or set(told) != set(names):
-        has = f"has {', '.join(map(str, told))}" if isinstance(told, Mapping) else f"is {type(told).__name__}"
+    values = {field.name: getattr(state, field.name) for field in fields(state)} if is_dataclass(state) else state
+    if not isinstance(values, Mapping) or set(values) != set(names):
+        has = f"has {', '.join(map(str, values))}" if isinstance(values, Mapping) else f"is {type(values).__name__}"
         raise StateError(f"state of {where}: needs {', '.join(names)}, but {has}")
-    return told
+    return values
 
 
 def as_mappings(state: Any) -> Any:
     """A state with mappings in place of dataclasses, as one that was read from bytes."""
     if is_dataclass(state) and not isinstance(state, type):
-        return {each.name: as_mappings(getattr(state, each.name)) for each in fields(state)}
-    return {key: as_mappings(each) for key, each in state.items()} if isinstance(state, Mapping) else state
+        return {field.name: as_mappings(getattr(state, field.name)) for field in fields(state)}
+    return {key: as_mappings(part) for key, part in state.items()} if isinstance(state, Mapping) else state
 
 
 def get_states(parts: Mapping[str, Any]) -> dict[str, Any]:
@@ -131,77 +133,77 @@ def set_states(parts: Mapping[str, Any], states: Any, where: str) -> None:
     Raises:
         StateError: The names, or a state, do not fit.
     """
-    told = entries(states, [*parts], where)
+    values = entries(states, [*parts], where)
     for name, part in parts.items():
-        part.set_state(told[name])
+        part.set_state(values[name])
 
 
-def fitting(told: Any, shape: tuple[int, ...], where: str) -> npt.NDArray[Any]:
+def fitting(values: Any, shape: tuple[int, ...], where: str) -> npt.NDArray[Any]:
     """An array of a state, of a shape.
 
     Raises:
         StateError: It is none.
     """
-    if not isinstance(told, np.ndarray) or told.shape != shape:
-        has = f"shape {told.shape}" if isinstance(told, np.ndarray) else type(told).__name__
+    if not isinstance(values, np.ndarray) or values.shape != shape:
+        has = f"shape {values.shape}" if isinstance(values, np.ndarray) else type(values).__name__
         raise StateError(f"state of {where}: needs an array of shape {shape}, but has {has}")
-    return told
+    return values
 
 
-def _told(value: Any) -> Any:
+def _copied(value: Any) -> Any:
     """A value as it is told, sharing nothing with the part."""
     if hasattr(value, "get_state"):
         return value.get_state()
     if isinstance(value, np.ndarray):
         return value.copy()
     if isinstance(value, Mapping):
-        return {key: _told(each) for key, each in value.items()}
+        return {key: _copied(part) for key, part in value.items()}
     if isinstance(value, tuple) and hasattr(value, "_fields"):
-        return tuple(map(_told, value))
+        return tuple(map(_copied, value))
     if isinstance(value, (list, tuple, set, frozenset)):
-        return type(value)(map(_told, value))
-    return list(map(_told, value)) if isinstance(value, deque) else value
+        return type(value)(map(_copied, value))
+    return list(map(_copied, value)) if isinstance(value, deque) else value
 
 
-def _set_parts(present: Any, told: Any, where: str) -> bool:
+def _set_parts(present: Any, saved: Any, where: str) -> bool:
     """Set the states of an attribute that is a part, or of those in a sequence or mapping; returns whether it is one."""
     if hasattr(present, "set_state"):
-        present.set_state(told)
+        present.set_state(saved)
         return True
-    if isinstance(present, Mapping) and present and all(hasattr(each, "set_state") for each in present.values()):
-        set_states(present, told, where)
+    if isinstance(present, Mapping) and present and all(hasattr(one, "set_state") for one in present.values()):
+        set_states(present, saved, where)
         return True
-    if isinstance(present, (list, tuple)) and present and all(hasattr(each, "set_state") for each in present):
-        if not isinstance(told, Sequence) or len(told) != len(present):
+    if isinstance(present, (list, tuple)) and present and all(hasattr(one, "set_state") for one in present):
+        if not isinstance(saved, Sequence) or len(saved) != len(present):
             raise StateError(f"state of {where}: needs {len(present)} entries")
-        for part, state in zip(present, told, strict=True):
+        for part, state in zip(present, saved, strict=True):
             part.set_state(state)
         return True
     return False
 
 
-def _written(present: Any, told: Any, kind: str, where: str) -> Any:
+def _written(present: Any, saved: Any, kind: str, where: str) -> Any:
     """The value of an attribute that was told: the present array with other numbers, or another value."""
     if kind in _IN_PLACE:
-        present[...] = fitting(told, present.shape, where)
+        present[...] = fitting(saved, present.shape, where)
         return present
-    if kind in _PLAIN and not isinstance(told, (float, int) if kind == "float" else _PLAIN[kind]):
-        raise StateError(f"state of {where}: needs {kind}, but has {type(told).__name__}")
+    if kind in _PLAIN and not isinstance(saved, (float, int) if kind == "float" else _PLAIN[kind]):
+        raise StateError(f"state of {where}: needs {kind}, but has {type(saved).__name__}")
     container = "" if "None" in kind else kind.partition("[")[0]
-    if not isinstance(told, _CONTAINERS.get(container, object)):
-        raise StateError(f"state of {where}: needs {container}, but has {type(told).__name__}")
-    return _taken(present, told)
+    if not isinstance(saved, _CONTAINERS.get(container, object)):
+        raise StateError(f"state of {where}: needs {container}, but has {type(saved).__name__}")
+    return _as_attribute(present, saved)
 
 
-def _taken(present: Any, told: Any) -> Any:
+def _as_attribute(present: Any, saved: Any) -> Any:
     """A value of a state as an attribute: a copy, so that the state stays as it is."""
     if isinstance(present, deque):
-        return deque(map(_told, told), present.maxlen)
+        return deque(map(_copied, saved), present.maxlen)
     if isinstance(present, (set, frozenset)):
-        return type(present)(told)
-    if isinstance(present, tuple) and hasattr(present, "_fields") and isinstance(told, Sequence):
-        return type(present)(*map(_told, told))
-    return _told(told)
+        return type(present)(saved)
+    if isinstance(present, tuple) and hasattr(present, "_fields") and isinstance(saved, Sequence):
+        return type(present)(*map(_copied, saved))
+    return _copied(saved)
 
 
 def to_bytes(state: Any) -> bytes:
@@ -249,7 +251,7 @@ def _plain(value: Any, where: str) -> Any:
     if isinstance(value, _SCALARS):
         return value
     if is_dataclass(value) and not isinstance(value, type):
-        value = {each.name: getattr(value, each.name) for each in fields(value)}
+        value = {field.name: getattr(value, field.name) for field in fields(value)}
     for kind, plain in _WRITERS.items():
         if isinstance(value, kind):
             return plain(value, where)
@@ -265,12 +267,12 @@ def _plain_array(value: npt.NDArray[Any], where: str) -> Any:
 
 def _plain_mapping(value: Mapping[Any, Any], where: str) -> Any:
     if all(isinstance(key, str) and not key.startswith("$") for key in value):
-        return {key: _plain(each, f"{where}.{key}") for key, each in value.items()}
-    return {"$map": [[_plain(key, where), _plain(each, f"{where}[{key!r}]")] for key, each in value.items()]}
+        return {key: _plain(part, f"{where}.{key}") for key, part in value.items()}
+    return {"$map": [[_plain(key, where), _plain(part, f"{where}[{key!r}]")] for key, part in value.items()]}
 
 
 def _plain_list(value: Sequence[Any], where: str) -> list[Any]:
-    return [_plain(each, f"{where}[{i}]") for i, each in enumerate(value)]
+    return [_plain(part, f"{where}[{i}]") for i, part in enumerate(value)]
 
 
 def _plain_set(value: Set[Any], where: str) -> Any:
@@ -288,31 +290,31 @@ _WRITERS: dict[type[Any], Callable[[Any, str], Any]] = {
 """How containers, arrays and bytes are written, by type."""
 
 
-def _read_array(told: Any) -> npt.NDArray[Any]:
-    dtype, shape, data = told
+def _read_array(saved: Any) -> npt.NDArray[Any]:
+    dtype, shape, data = saved
     kind = np.dtype(str(dtype))
     if kind.kind not in _KINDS:
         raise ValueError(f"an array of {kind}")
     native = np.frombuffer(base64.b64decode(data, validate=True), kind).astype(kind.newbyteorder("="))
-    return native.reshape([int(each) for each in shape])
+    return native.reshape([int(length) for length in shape])
 
 
 _READERS: dict[str, Callable[[Any], Any]] = {
-    "$float": lambda told: {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}[told],
+    "$float": lambda data: {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}[data],
     "$array": _read_array,
     "$bytes": partial(base64.b64decode, validate=True),
-    "$map": lambda told: {_read(key): _read(each) for key, each in told},
-    "$tuple": lambda told: tuple(map(_read, told)),
-    "$set": lambda told: frozenset(map(_read, told)),
+    "$map": lambda data: {_read(key): _read(value) for key, value in data},
+    "$tuple": lambda data: tuple(map(_read, data)),
+    "$set": lambda data: frozenset(map(_read, data)),
 }
 
 
-def _read(told: Any) -> Any:
-    if isinstance(told, list):
-        return [_read(each) for each in told]
-    if not isinstance(told, dict):
-        return told
-    name = next(iter(told), "")
-    if len(told) == 1 and name.startswith("$"):
-        return _READERS[name](told[name])
-    return {key: _read(each) for key, each in told.items()}
+def _read(data: Any) -> Any:
+    if isinstance(data, list):
+        return [_read(part) for part in data]
+    if not isinstance(data, dict):
+        return data
+    name = next(iter(data), "")
+    if len(data) == 1 and name.startswith("$"):
+        return _READERS[name](data[name])
+    return {key: _read(part) for key, part in data.items()}

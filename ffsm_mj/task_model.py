@@ -78,18 +78,18 @@ class JointModel:
         if self._closed:
             self.coasting = self.coasting + self._constrained.acceleration()
         self.qd = data.qvel[dofs]
-        own = self.mobility[:, dofs]
-        if self._closed and np.linalg.cond(own) > _SINGULAR:
-            raise ControllerError(self._dependent(own))
-        self.M_c = np.linalg.inv(own)
+        driven = self.mobility[:, dofs]
+        if self._closed and np.linalg.cond(driven) > _SINGULAR:
+            raise ControllerError(self._dependent(driven))
+        self.M_c = np.linalg.inv(driven)
         self.c_c = -self.M_c.dot(self.coasting[dofs])
 
-    def _dependent(self, own: FloatArray) -> str:
+    def _dependent(self, mobility: FloatArray) -> str:
         """Sentence for joints that depend on each other: which of them can be driven, by pivoting of their mobility."""
         names, chosen = np.array(self.joints.names), list[int]()
-        for i in range(len(own)):
+        for i in range(len(mobility)):
             of_these = [*chosen, i]
-            if np.linalg.cond(own[np.ix_(of_these, of_these)]) <= _SINGULAR:
+            if np.linalg.cond(mobility[np.ix_(of_these, of_these)]) <= _SINGULAR:
                 chosen = of_these
         alone = f"drive {', '.join(names[chosen])} alone" if chosen else "drive others"
         return f"{', '.join(names)} depend on each other through equality constraints; {alone}, by 'joints'"

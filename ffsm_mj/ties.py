@@ -54,7 +54,7 @@ def last_of_first(times_s: Sequence[float], time_s: float) -> float:
         time_s: Simulation time, s.
     """
     end_s = min(times_s) + instant_s(time_s)
-    return max(each for each in times_s if each <= end_s)
+    return max(time for time in times_s if time <= end_s)
 
 
 def first_of_greatest(values: Sequence[float], rounding: float) -> int:
@@ -89,7 +89,7 @@ class FirstOfLeast(Generic[T]):
             return
         self._candidates.append(_Candidate(value, rounding, what))
         # Twice the rounding: see equals().
-        kept = next(i for i, each in enumerate(self._candidates) if each.value <= value + 2.0 * rounding)
+        kept = next(i for i, candidate in enumerate(self._candidates) if candidate.value <= value + 2.0 * rounding)
         del self._candidates[:kept]
 
     def get_state(self) -> list[tuple[float, float, T]]:
@@ -98,7 +98,7 @@ class FirstOfLeast(Generic[T]):
 
     def set_state(self, state: Iterable[tuple[float, float, T]]) -> None:
         """Go on from these values."""
-        self._candidates = [_Candidate(*each) for each in state]
+        self._candidates = [_Candidate(*fields) for fields in state]
 
     @property
     def least(self) -> float:
@@ -110,7 +110,7 @@ class FirstOfLeast(Generic[T]):
         if not self._candidates:
             return None
         last = self._candidates[-1]
-        return next(each.what for each in self._candidates if each.value <= last.value + last.rounding)
+        return next(candidate.what for candidate in self._candidates if candidate.value <= last.value + last.rounding)
 
     def equals(self) -> tuple[T, ...]:
         """All that may count as the first, were the values rounded otherwise.
@@ -118,4 +118,4 @@ class FirstOfLeast(Generic[T]):
         A value that falls slowly passes the limit, one rounding above the least, at a time that depends on rounding: what
         is within twice that of the least may be the first.
         """
-        return tuple(each.what for each in self._candidates)
+        return tuple(candidate.what for candidate in self._candidates)

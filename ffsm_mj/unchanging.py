@@ -132,12 +132,12 @@ def _form(value: Any, seen: set[int]) -> Any:
     seen.add(id(value))
     for kind, inside in _INSIDE:
         if isinstance(value, kind):
-            own = dict(_contents(value, seen)) if isinstance(value, (list, dict)) else {}
-            return (*(_form(each, seen) for each in inside(value)), *own.items())
+            items = dict(_contents(value, seen)) if isinstance(value, (list, dict)) else {}
+            return (*(_form(part, seen) for part in inside(value)), *items.items())
     if _belongs_to_simulation(type(value)):
         return id(value)
-    held = tuple(_contents(value, seen))
-    return held if held or hasattr(value, "__dict__") else _OPAQUE
+    contents = tuple(_contents(value, seen))
+    return contents if contents or hasattr(value, "__dict__") else _OPAQUE
 
 
 _INSIDE: tuple[tuple[Any, Callable[[Any], Any]], ...] = (
@@ -158,11 +158,11 @@ _INSIDE: tuple[tuple[Any, Callable[[Any], Any]], ...] = (
 
 def _cells(function: FunctionType) -> list[Any]:
     """What a function has bound of the variables of others."""
-    found = []
+    cells = []
     for cell in function.__closure__ or ():
         with suppress(ValueError):  # it has no value yet
-            found.append(cell.cell_contents)
-    return found
+            cells.append(cell.cell_contents)
+    return cells
 
 
 def _belongs_to_simulation(kind: type[Any]) -> bool:
@@ -170,5 +170,5 @@ def _belongs_to_simulation(kind: type[Any]) -> bool:
 
     A law inside another one is a part of that, though its class may derive from :class:`~ffsm_mj.state.Stateful`.
     """
-    above = {each.__module__.partition(".")[0] for each in kind.__mro__ if each not in (object, Stateful)}
+    above = {base.__module__.partition(".")[0] for base in kind.__mro__ if base not in (object, Stateful)}
     return bool(above & {"ffsm_mj", "mujoco", "pydantic", "logging"})

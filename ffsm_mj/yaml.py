@@ -260,7 +260,7 @@ class _Tree:
         if event.anchor:
             self._anchors[event.anchor] = None
         value: dict[str, Node] | list[Node]
-        value = self._mapping(place, depth + 1) if is_mapping else [self._node(each, depth + 1) for each in self._inside()]
+        value = self._mapping(place, depth + 1) if is_mapping else [self._node(part, depth + 1) for part in self._inside()]
         inside = value.values() if isinstance(value, dict) else value
         size = 1 + sum(node.size for node in inside)
         return Node(value, place, size, 1 + max((node.depth for node in inside), default=0))
@@ -272,20 +272,20 @@ class _Tree:
 
     def _mapping(self, place: Place, depth: int) -> dict[str, Node]:
         """Values by key, with the place of the key; a merged key yields to one written here and to one merged before."""
-        own: dict[str, Node] = {}
+        entries: dict[str, Node] = {}
         merged: list[Node] = []
         for event in self._inside():
             key = self._node(event, depth)
             is_merge = isinstance(event, ScalarEvent) and (event.value, event.style, event.ctag) == ("<<", None, None)
-            name = "<<" if is_merge else _key(key, own)
+            name = "<<" if is_merge else _key(key, entries)
             node = self._node(next(self._events), depth)
             if is_merge:
                 merged += _mappings(node, key.place)
             else:
-                own[name] = Node(node.value, key.place, node.size, node.depth)
+                entries[name] = Node(node.value, key.place, node.size, node.depth)
         for mapping in merged:
-            own = {key: Node(node.value, place, node.size, node.depth) for key, node in mapping.value.items()} | own
-        return own
+            entries = {key: Node(node.value, place, node.size, node.depth) for key, node in mapping.value.items()} | entries
+        return entries
 
 
 def _key(node: Node, mapping: dict[str, Node]) -> str:
@@ -299,10 +299,10 @@ def _key(node: Node, mapping: dict[str, Node]) -> str:
 
 
 def _mappings(node: Node, place: Place) -> list[Node]:
-    found = node.value if isinstance(node.value, list) else [node]
-    if not all(isinstance(item.value, dict) for item in found):
+    nodes = node.value if isinstance(node.value, list) else [node]
+    if not all(isinstance(item.value, dict) for item in nodes):
         raise YamlFault(place, "'<<' takes a mapping, or a list of mappings, to merge in")
-    return found
+    return nodes
 
 
 def _value(event: ScalarEvent, place: Place) -> Any:

@@ -20,7 +20,7 @@ from ffsm_mj.controller_protocol import (
     Controller,
     ControllerError,
     ControllerReport,
-    GivenCommand,
+    ExternalCommand,
     LawInCore,
     Observation,
     OfCore,
@@ -43,7 +43,7 @@ class Phase:
         endings: What ends it, in the order in which they count at one instant.
         arm: Names of the grasps that may close while it lasts.
         release: Names of those that let go as it begins.
-        held: The same law made for the systems in which objects are held, by the name of the grasp.
+        by_grasp: The same law made for the systems in which objects are held, by the name of the grasp.
     """
 
     name: str
@@ -52,11 +52,11 @@ class Phase:
     endings: tuple[Ending, ...] = ()
     arm: tuple[str, ...] = ()
     release: tuple[str, ...] = ()
-    held: Mapping[str, Controller] = field(default_factory=dict)
+    by_grasp: Mapping[str, Controller] = field(default_factory=dict)
 
     def law(self, grasp: str) -> Controller:
         """The controller of the system in which a grasp is closed; empty: the free one."""
-        return self.held[grasp] if grasp else self.controller
+        return self.by_grasp[grasp] if grasp else self.controller
 
 
 class PhaseMachine:
@@ -83,7 +83,7 @@ class PhaseMachine:
             Columns(tuple(signals.values()), live=self.telemetry),
             Columns((index,), live=self._live_index),
         )
-        self.given: GivenCommand | None = None
+        self.external: ExternalCommand | None = None
         self.phase_index = -1
         self._start_s = 0.0
         self._begun: list[PhaseRecord] = []
@@ -96,7 +96,7 @@ class PhaseMachine:
         self._laws = {
             (i, grasp): with_state(law, f"the control law {phase.kind!r} of phase {phase.name!r}")
             for i, phase in enumerate(self.phases)
-            for grasp, law in (("", phase.controller), *phase.held.items())
+            for grasp, law in (("", phase.controller), *phase.by_grasp.items())
         }
         self._endings = {
             (i, k): with_state(ending.trigger, f"an ending of phase {phase.name!r}")
@@ -194,12 +194,12 @@ class PhaseMachine:
             self._begin(following, observation, ending.reason)
         if observation.attached != self._grasp or self._begins_again:
             self._take_over(observation)
-        if self.given is None:
+        if self.external is None:
             self._ask(observation, command)
         else:
-            if not self.given.is_complete:
+            if not self.external.is_complete:
                 self._ask(observation, command)
-            self.given.write(command)
+            self.external.write(command)
         if self._requests:
             command.requests.update(self._requests)
             self._requests.clear()
@@ -210,7 +210,7 @@ class PhaseMachine:
 
     def _in_core(self, command: Command, before: Callable[[], None] | None = None) -> LawInCore | None:
         """The same for laws of which something updates the data before each evaluation."""
-        if self.phase_index < 0 or self._begins_again or self._requests or self.given is not None:
+        if self.phase_index < 0 or self._begins_again or self._requests or self.external is not None:
             return None
         phase, places = self.phases[self.phase_index], self._columns[self.phase_index]
         law = phase.law(self._grasp)
@@ -300,7 +300,7 @@ class PhaseMachine:
         for i in sorted({begun for begun, _ in self._asked}):
             phase = self.phases[i]
             report: dict[str, float | int | str] = {}
-            for grasp in ("", *phase.held):
+            for grasp in ("", *phase.by_grasp):
                 law = self._asked.get((i, grasp))
                 summary: ControllerReport = law.summary() if isinstance(law, Summarises) else {}
                 before = f"{grasp}: " if grasp else ""

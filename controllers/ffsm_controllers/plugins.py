@@ -50,8 +50,8 @@ def installed(group: str, built_in: Mapping[str, tuple[str, str]], noun: str) ->
     """
     kinds = Kinds(Classes(), Classes(), {})
     for kind, places in built_in.items():
-        for found, place in zip((kinds.configs, kinds.classes), places, strict=True):
-            found[kind] = EntryPoint(kind, f"{__package__}.{place}", group)
+        for classes, place in zip((kinds.configs, kinds.classes), places, strict=True):
+            classes[kind] = EntryPoint(kind, f"{__package__}.{place}", group)
     for entry_point in entry_points(group=group):
         if entry_point.name in built_in:
             kinds.broken[entry_point.name] = f"{entry_point.value} has the name of a built-in {noun}; rename it"

@@ -110,12 +110,12 @@ def _setpoint_laws(joints: DrivenJoints, system: System) -> list[SetpointLaw]:
     Raises:
         ScenarioFaults: No setpoint of one of them follows from a position.
     """
-    model, found = system.mj, []
+    model, laws = system.mj, []
     for i in joints.actuators.tolist():
         law = setpoint_law(model, i)
         if law is None or model.actuator_dyntype[i] == mujoco.mjtDyn.mjDYN_INTEGRATOR:
             name = system.names("actuator")[i]
             message = f"no setpoint of {name} is a position; drive it by 'playback' or a law of your own, or make it a motor"
             raise ScenarioFaults([Fault(f"{message}: 'actuators: {{{name}: {{kind: torque}}}}'", ("joints",))])
-        found.append(law)
-    return found
+        laws.append(law)
+    return laws

@@ -37,25 +37,25 @@ cdef inline Py_ssize_t pivots(double* A, Py_ssize_t n, double least, Py_ssize_t*
 cdef inline void orthonormal(double* columns, Py_ssize_t n, Py_ssize_t m) noexcept:
     """Make m independent columns of n numbers, stored one after the other, orthonormal, by Gram and Schmidt, twice (Giraud et al. 2005)."""
     cdef Py_ssize_t i, j, c
-    cdef int each
+    cdef int sweep
     cdef double product
-    cdef double* own
+    cdef double* column
     cdef const double* other
     for c in range(m):
-        own = columns + c * n
-        for each in range(2):
+        column = columns + c * n
+        for sweep in range(2):
             for j in range(c):
                 other, product = columns + j * n, 0.0
                 for i in range(n):
-                    product += other[i] * own[i]
+                    product += other[i] * column[i]
                 for i in range(n):
-                    own[i] -= product * other[i]
+                    column[i] -= product * other[i]
         product = 0.0
         for i in range(n):
-            product += own[i] * own[i]
+            product += column[i] * column[i]
         product = 1.0 / sqrt(product)
         for i in range(n):
-            own[i] *= product
+            column[i] *= product
 
 
 cdef inline void reduced(const double* A, const double* U, Py_ssize_t n, Py_ssize_t r, double* half, double* out) noexcept:

@@ -1,11 +1,11 @@
-from ffsm_mj._core.forces cimport HeldForces, StuckPatches
+from ffsm_mj._core.forces cimport ActiveForces, StuckPatches
 from ffsm_mj._core.rows cimport RowEvaluator, RowMemory
 from ffsm_mj._core.stages cimport Smooth, StageInMemory
 
 
 cdef class ContactEvaluation:
     cdef readonly object contact_points, rows, modes
-    cdef RowMemory own
+    cdef RowMemory memory
     cdef object kept_problem
     cdef bytearray block
     # Accelerations without contact forces, forces of sticking points, (m,); rounding, (k,); generalised forces, (nv,)
@@ -19,8 +19,8 @@ cdef class ContactEvaluation:
     cdef double kept_margin, forward
     cdef bint has_margin, has_rounding, has_forces
 
-    cdef int set_up(self, contact_points, rows, RowMemory own, modes) except -1
-    cdef HeldForces held(self)
+    cdef int set_up(self, contact_points, rows, RowMemory memory, modes) except -1
+    cdef ActiveForces active(self)
     cdef double* present_forces(self) except NULL
     cdef double* roundings(self) except NULL
     cdef double largest_slip(self) noexcept
@@ -28,19 +28,19 @@ cdef class ContactEvaluation:
     cdef double presses(self, Py_ssize_t p) except? -2.0
     cdef double margin(self) except? -2.0
     cdef bint slides_on(self) except -1
-    cdef double own_margin(self) except? -2.0
+    cdef double margin_of(self) except? -2.0
     cdef StageInMemory stage_into(self, double* generalised)
 
 cdef bint slips_along_a_line(const double* G, Py_ssize_t m, Py_ssize_t p, double* largest) noexcept
 cdef double directions_of_slip(
-    RowMemory own,
+    RowMemory memory,
     const unsigned char[::1] slides,
     const unsigned char[::1] straight,
     const double[:, ::1] starts,
     double* slips,
 ) except? -1.0
-cdef object structure_of(modes, RowMemory own)
-cdef ContactEvaluation state_under(contact_points, rows, RowMemory own, modes, Smooth smooth, const double* pushes)
+cdef object structure_of(modes, RowMemory memory)
+cdef ContactEvaluation state_under(contact_points, rows, RowMemory memory, modes, Smooth smooth, const double* pushes)
 cdef double largest_ratio(const double* forces, const double[::1] mu, double* ratios) noexcept
 
 
@@ -49,8 +49,8 @@ cdef class StageForces:
     cdef object structure
     cdef Smooth smooth
     cdef RowEvaluator evaluator
-    cdef RowMemory own
-    cdef HeldForces held
+    cdef RowMemory memory
+    cdef ActiveForces active
     cdef StuckPatches patches
     cdef list states
     cdef bint sliding

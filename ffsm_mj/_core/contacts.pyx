@@ -10,7 +10,7 @@ cimport cython
 import numpy as np
 
 from ffsm_mj.contact_models.persistent.friction.cones import ON_CONE
-from ffsm_mj.contact_models.persistent.friction.problem import HeldRows
+from ffsm_mj.contact_models.persistent.friction.problem import ActiveRows
 from ffsm_mj.contact_models.persistent.friction.internal_forces import FRICTION_ROUNDING
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
 from ffsm_mj.contact_models.persistent.friction.problem import Solution
@@ -20,7 +20,7 @@ from ffsm_mj.tolerances import CANCELLED, RANK, RATE
 from libc.math cimport atan2, cos, fabs, hypot, INFINITY, sin, sqrt
 from libc.string cimport memcpy, memset
 
-from ffsm_mj._core.forces cimport HeldForces, of_rows, patches_of
+from ffsm_mj._core.forces cimport ActiveForces, of_rows, patches_of
 from ffsm_mj._core.memory cimport numbers, room
 from ffsm_mj._core.rows cimport RowEvaluator, RowMemory, write_rounding
 from ffsm_mj._core.stages cimport empty_stage, finish_stage, generalise, Smooth, StageInMemory
@@ -34,28 +34,28 @@ cdef double _RATE = RATE, _ON_CONE = ON_CONE, _FRICTION_ROUNDING = FRICTION_ROUN
 cdef double _AWAY = 1e4
 
 
-cdef bint presses_alone(modes, RowMemory own) except -1:
+cdef bint presses_alone(modes, RowMemory memory) except -1:
     """Whether a single point without friction presses, and something can move along its normal: one row is held."""
-    return own.points == 1 and not own.rubs[0] and modes.all_stick and own.inverse_mass(0) > _CANCELLED
+    return memory.points == 1 and not memory.rubs[0] and modes.all_stick and memory.inverse_mass(0) > _CANCELLED
 
 
-cdef object structure_of(modes, RowMemory own):
+cdef object structure_of(modes, RowMemory memory):
     """The rows held in the modes of a step: as at the first of its states that needs them."""
     structure = modes.structures.get(modes.key)
     if structure is None:
         structure = modes.kept.get(modes.key)
         # The same rows as in the step before, and so the same object: what is made for it is used again.
-        if structure is None or not (modes.all_stick and moves_as_held(own, structure)):
-            structure = HeldRows.of(FrictionProblem(own.array("G"), np.empty(own.rows), modes.mu), modes.kinds)
+        if structure is None or not (modes.all_stick and keeps_rows(memory, structure)):
+            structure = ActiveRows.of(FrictionProblem(memory.array("G"), np.empty(memory.rows), modes.mu), modes.kinds)
         modes.structures[modes.key] = modes.kept[modes.key] = structure
     return structure
 
 
-cdef bint moves_as_held(RowMemory own, structure) except -1:
-    """Whether the rows held are those along which a force can move anything; of points that all stick, see ``held_rows``."""
+cdef bint keeps_rows(RowMemory memory, structure) except -1:
+    """Whether the rows held are those along which a force can move anything; of points that all stick, see ``active_rows``."""
     cdef const Py_ssize_t[::1] rows = structure.rows
-    cdef const double* G = own.delassus()
-    cdef Py_ssize_t i, at = 0, m = own.rows
+    cdef const double* G = memory.delassus()
+    cdef Py_ssize_t i, at = 0, m = memory.rows
     cdef double largest = 1.0
     for i in range(m):
         largest = max(largest, G[i * (m + 1)])
@@ -76,7 +76,7 @@ cdef bint slips_along_a_line(const double* G, Py_ssize_t m, Py_ssize_t p, double
 
 
 cdef double directions_of_slip(
-    RowMemory own,
+    RowMemory memory,
     const unsigned char[::1] slides,
     const unsigned char[::1] straight,
     const double[:, ::1] starts,
@@ -85,7 +85,7 @@ cdef double directions_of_slip(
     """Directions of slip along the tangents, (k, 2): see ``slip_directions`` in ``friction/problem.py``.
 
     Args:
-        own: Rows of the points.
+        memory: Rows of the points.
         slides: Points that slide, (k,).
         straight: Points that keep their direction, (k,).
         starts: Directions at the start of the step, world axes, (k, 3).
@@ -94,20 +94,20 @@ cdef double directions_of_slip(
     Returns:
         Least slip along the direction at the start, m/s; infinite if no point slides.
     """
-    cdef const double* G = own.delassus()
+    cdef const double* G = memory.delassus()
     cdef const double* axes
-    cdef Py_ssize_t p, at, m = own.rows
+    cdef Py_ssize_t p, at, m = memory.rows
     cdef double u, v, first, second, size, largest, angle, least = INFINITY
-    for p in range(own.points):
+    for p in range(memory.points):
         if not slides[p]:
             continue
-        axes, at = own.axes + 9 * p, (3 * p + 1) * (m + 1)
+        axes, at = memory.axes + 9 * p, (3 * p + 1) * (m + 1)
         first = axes[3] * starts[p, 0] + axes[4] * starts[p, 1] + axes[5] * starts[p, 2]
         second = axes[6] * starts[p, 0] + axes[7] * starts[p, 1] + axes[8] * starts[p, 2]
         size = hypot(first, second)
         if size > 0.0:
             first, second = first / size, second / size
-        u, v = own.velocity(3 * p + 1), own.velocity(3 * p + 2)
+        u, v = memory.velocity(3 * p + 1), memory.velocity(3 * p + 2)
         size, least = hypot(u, v), min(least, u * first + v * second)
         if slips_along_a_line(G, m, p, &largest):
             angle = 0.5 * atan2(2.0 * G[at + 1], G[at] - G[at + m + 1])
@@ -126,72 +126,72 @@ cdef class ContactEvaluation:
 
     def __init__(self, contact_points, rows, const double[::1] force not None, modes):
         self.set_up(contact_points, rows, rows.memory, modes)
-        if self.own.nv:
-            memcpy(self.pushed, &force[0], self.own.nv * sizeof(double))
-        self.own.accelerate(self.pushed, self.b)
+        if self.memory.nv:
+            memcpy(self.pushed, &force[0], self.memory.nv * sizeof(double))
+        self.memory.accelerate(self.pushed, self.b)
 
-    cdef int set_up(self, contact_points, rows, RowMemory own, modes) except -1:
-        self.contact_points, self.rows, self.own, self.modes, self.mu = contact_points, rows, own, modes, modes.mu
-        self.block = room(2 * own.rows + 4 * own.points + own.nv + 1)
+    cdef int set_up(self, contact_points, rows, RowMemory memory, modes) except -1:
+        self.contact_points, self.rows, self.memory, self.modes, self.mu = contact_points, rows, memory, modes, modes.mu
+        self.block = room(2 * memory.rows + 4 * memory.points + memory.nv + 1)
         self.b = numbers(self.block)
-        self.along = self.b + own.rows
-        self.roughness = self.along + own.rows
-        self.pushed = self.roughness + own.points
-        self.slips = self.pushed + own.nv
-        self.speeds = self.slips + 2 * own.points
+        self.along = self.b + memory.rows
+        self.roughness = self.along + memory.rows
+        self.pushed = self.roughness + memory.points
+        self.slips = self.pushed + memory.nv
+        self.speeds = self.slips + 2 * memory.points
         return 0
 
     @property
     def force(self):
         """Generalised forces without the contact forces, less the bias, (nv,)."""
-        at = 2 * self.own.rows + self.own.points
-        return np.frombuffer(self.block)[at : at + self.own.nv]
+        at = 2 * self.memory.rows + self.memory.points
+        return np.frombuffer(self.block)[at : at + self.memory.nv]
 
     @property
     def problem(self):
         """The problem of the accelerations of the points."""
         if self.kept_problem is None:
             rows, modes = self.rows, self.modes
-            b = np.frombuffer(self.block)[: self.own.rows]
-            self.kept_problem = FrictionProblem(rows.G, b, modes.mu, modes.structures, rows.held)
+            b = np.frombuffer(self.block)[: self.memory.rows]
+            self.kept_problem = FrictionProblem(rows.G, b, modes.mu, modes.structures, rows.active)
         return self.kept_problem
 
     @property
     def rounding(self):
         """Rounding of the accelerations of each point, m/s^2, (k,)."""
         self.roundings()
-        return np.frombuffer(self.block)[2 * self.own.rows : 2 * self.own.rows + self.own.points]
+        return np.frombuffer(self.block)[2 * self.memory.rows : 2 * self.memory.rows + self.memory.points]
 
     cdef double* roundings(self) except NULL:
         if not self.has_rounding:
-            write_rounding(self.rows.groups, self.own, self.pushed, self.roughness)
+            write_rounding(self.rows.groups, self.memory, self.pushed, self.roughness)
             self.has_rounding = True
         return self.roughness
 
-    cdef HeldForces held(self):
+    cdef ActiveForces active(self):
         """The linear problem in the present modes."""
-        structure = structure_of(self.modes, self.own)
+        structure = structure_of(self.modes, self.memory)
         both = self.modes.key, structure.key
-        held = self.rows.held.get(both)
-        if held is None:
-            held = self.rows.held[both] = of_rows(self.own, structure)
-        return held
+        active = self.rows.active.get(both)
+        if active is None:
+            active = self.rows.active[both] = of_rows(self.memory, structure)
+        return active
 
     cdef double* present_forces(self) except NULL:
         """Forces (n, t1, t2) in the present modes, N, (k, 3)."""
-        cdef HeldForces held
+        cdef ActiveForces active
         if not self.has_forces:
-            memset(self.along, 0, self.own.rows * sizeof(double))
-            if presses_alone(self.modes, self.own):
-                self.along[0] = -self.b[0] / self.own.inverse_mass(0)
-            elif self.own.points:
-                held = self.held()
+            memset(self.along, 0, self.memory.rows * sizeof(double))
+            if presses_alone(self.modes, self.memory):
+                self.along[0] = -self.b[0] / self.memory.inverse_mass(0)
+            elif self.memory.points:
+                active = self.active()
                 if self.modes.any_slides:
                     modes = self.modes
                     slides, straight = modes.slides.view(np.uint8), modes.straight.view(np.uint8)
-                    self.forward = directions_of_slip(self.own, slides, straight, modes.directions, self.slips)
-                    held.turn(self.slips)
-                held.write_forces(self.b, self.along)
+                    self.forward = directions_of_slip(self.memory, slides, straight, modes.directions, self.slips)
+                    active.turn(self.slips)
+                active.write_forces(self.b, self.along)
             self.has_forces = True
         return self.along
 
@@ -199,9 +199,9 @@ cdef class ContactEvaluation:
         """Whether no point slips by more than the drift of sticking points."""
         cdef Py_ssize_t p
         cdef double u, v, most = self.modes.drift_m_s
-        for p in range(self.own.points):
-            if self.own.rubs[p]:
-                u, v = self.own.velocity(3 * p + 1), self.own.velocity(3 * p + 2)
+        for p in range(self.memory.points):
+            if self.memory.rubs[p]:
+                u, v = self.memory.velocity(3 * p + 1), self.memory.velocity(3 * p + 2)
                 if not u * u + v * v <= most * most:
                     return False
         return True
@@ -210,9 +210,9 @@ cdef class ContactEvaluation:
         """Largest slip along a tangent, m/s."""
         cdef Py_ssize_t p
         cdef double most = 0.0
-        for p in range(self.own.points):
-            if self.own.rubs[p]:
-                most = max(most, max(fabs(self.own.velocity(3 * p + 1)), fabs(self.own.velocity(3 * p + 2))))
+        for p in range(self.memory.points):
+            if self.memory.rubs[p]:
+                most = max(most, max(fabs(self.memory.velocity(3 * p + 1)), fabs(self.memory.velocity(3 * p + 2))))
         return most
 
     cdef bint slides_on(self) except -1:
@@ -222,26 +222,26 @@ cdef class ContactEvaluation:
         cdef const double* J
         cdef double largest
         cdef Py_ssize_t p, i, d
-        for p in range(self.own.points):
+        for p in range(self.memory.points):
             largest, self.speeds[p] = 0.0, 0.0
-            if not self.own.rubs[p]:
+            if not self.memory.rubs[p]:
                 continue
             for i in range(3 * p, 3 * p + 3):
-                J = self.own.J + i * self.own.nv
-                for d in range(self.own.nv):
-                    largest = max(largest, fabs(J[d] * self.own.qvel[d]))
-            self.speeds[p] = hypot(self.own.velocity(3 * p + 1), self.own.velocity(3 * p + 2))
+                J = self.memory.J + i * self.memory.nv
+                for d in range(self.memory.nv):
+                    largest = max(largest, fabs(J[d] * self.memory.qvel[d]))
+            self.speeds[p] = hypot(self.memory.velocity(3 * p + 1), self.memory.velocity(3 * p + 2))
             if not self.speeds[p] > _AWAY * max(stop_speeds[p], _RATE * (1.0 + largest)):
                 return False
         forces = self.present_forces()
-        for p in range(self.own.points):
-            if not forces[3 * p] > 0.0 or (not self.own.rubs[p] and not self.presses(p) >= 0.0):
+        for p in range(self.memory.points):
+            if not forces[3 * p] > 0.0 or (not self.memory.rubs[p] and not self.presses(p) >= 0.0):
                 return False
-        return self.forward > 0.0 and self.held().has_sign()
+        return self.forward > 0.0 and self.active().has_sign()
 
     cdef double presses(self, Py_ssize_t p) except? -2.0:
         """Margin by which the normal force of a point exceeds its rounding, m/s^2."""
-        return self.present_forces()[3 * p] * self.own.inverse_mass(3 * p) - self.roundings()[p]
+        return self.present_forces()[3 * p] * self.memory.inverse_mass(3 * p) - self.roundings()[p]
 
     cdef double margin(self) except? -2.0:
         """Least margin of the points to their own cones, m/s^2, if all stick and none slips; negative otherwise.
@@ -250,20 +250,20 @@ cdef class ContactEvaluation:
         """
         if not self.has_margin:
             self.has_margin = True
-            self.kept_margin = self.own_margin() if self.modes.all_stick and self.creeps() else -1.0
+            self.kept_margin = self.margin_of() if self.modes.all_stick and self.creeps() else -1.0
         return self.kept_margin
 
-    cdef double own_margin(self) except? -2.0:
+    cdef double margin_of(self) except? -2.0:
         cdef const double* forces = self.present_forces()
         cdef const double* rounding = self.roundings()
         cdef Py_ssize_t p
         cdef int j
         cdef double least = INFINITY, largest = 0.0, roughest = 0.0, inertia = 0.0, pressing = INFINITY
         cdef Py_ssize_t sticking = 0
-        for p in range(self.own.points):
-            if self.own.rubs[p]:
+        for p in range(self.memory.points):
+            if self.memory.rubs[p]:
                 least = min(least, self.mu[p] * forces[0] - sqrt(forces[1] * forces[1] + forces[2] * forces[2]))
-                roughest, inertia = max(roughest, rounding[p]), inertia + self.own.inverse_mass(3 * p)
+                roughest, inertia = max(roughest, rounding[p]), inertia + self.memory.inverse_mass(3 * p)
                 sticking += 1
             else:
                 pressing = min(pressing, self.presses(p))
@@ -283,54 +283,54 @@ cdef class ContactEvaluation:
         cdef double[:, ::1] accelerations
         cdef const double* G
         cdef const double* forces
-        cdef Py_ssize_t i, j, m = self.own.rows
+        cdef Py_ssize_t i, j, m = self.memory.rows
         cdef double total, least = self.margin()
         if not least >= 0.0:
             return None
-        rates, forces, G = np.empty((self.own.points, 3)), self.present_forces(), self.own.delassus()
-        found, accelerations = np.frombuffer(self.block)[m : 2 * m].reshape(-1, 3), rates
+        rates, forces, G = np.empty((self.memory.points, 3)), self.present_forces(), self.memory.delassus()
+        force_table, accelerations = np.frombuffer(self.block)[m : 2 * m].reshape(-1, 3), rates
         for i in range(m):
             total = self.b[i]
             for j in range(m):
                 total += G[i * m + j] * forces[j]
             (&accelerations[0, 0])[i] = total
-        return Solution(self.modes.kinds, self.modes.no_slips, found, rates, least, least, False)
+        return Solution(self.modes.kinds, self.modes.no_slips, force_table, rates, least, least, False)
 
     def limit_ratios(self, const double[:, :] forces not None):
         """Ratios of friction to its limit; infinite where a normal force pulls, zero where there is no friction."""
-        cdef const double[:, ::1] given = np.ascontiguousarray(forces)
+        cdef const double[:, ::1] contiguous = np.ascontiguousarray(forces)
         cdef Py_ssize_t p, n = forces.shape[0]
         cdef bytearray block = room(n + 1)
         cdef double* ratios = numbers(block)
         if n:
-            largest_ratio(&given[0, 0], self.mu, ratios)
+            largest_ratio(&contiguous[0, 0], self.mu, ratios)
         return [ratios[p] for p in range(n)]
 
-    def stage_here(self):
+    def present_stage(self):
         """A stage in the present modes, in which no point slides with friction, and the generalised forces, (nv,)."""
-        generalised = np.empty(self.own.nv)
+        generalised = np.empty(self.memory.nv)
         cdef double[::1] sums = generalised
         return self.stage_into(&sums[0]), generalised
 
     cdef StageInMemory stage_into(self, double* generalised):
-        cdef RowMemory own = self.own
+        cdef RowMemory memory = self.memory
         cdef bint slides = self.modes.any_slides
-        cdef StageInMemory stage = empty_stage(own.rows, own.nv, len(own.counts), slides)
-        memcpy(stage.along, self.present_forces(), own.rows * sizeof(double))
-        generalise(stage.along, own, generalised)
-        finish_stage(stage, own, own.qvel, generalised)
+        cdef StageInMemory stage = empty_stage(memory.rows, memory.nv, len(memory.counts), slides)
+        memcpy(stage.along, self.present_forces(), memory.rows * sizeof(double))
+        generalise(stage.along, memory, generalised)
+        finish_stage(stage, memory, memory.qvel, generalised)
         if slides:
-            stage.write_slide(own, self.modes.slides.view(np.uint8))
+            stage.write_slide(memory, self.modes.slides.view(np.uint8))
         return stage
 
 
-cdef ContactEvaluation state_under(contact_points, rows, RowMemory own, modes, Smooth smooth, const double* pushes):
+cdef ContactEvaluation state_under(contact_points, rows, RowMemory memory, modes, Smooth smooth, const double* pushes):
     """The points under the smooth forces at the current state and applied forces, (nv,)."""
-    cdef ContactEvaluation here = ContactEvaluation.__new__(ContactEvaluation)
-    here.set_up(contact_points, rows, own, modes)
-    smooth.write_force(pushes, here.pushed)
-    own.accelerate(here.pushed, here.b)
-    return here
+    cdef ContactEvaluation evaluation = ContactEvaluation.__new__(ContactEvaluation)
+    evaluation.set_up(contact_points, rows, memory, modes)
+    smooth.write_force(pushes, evaluation.pushed)
+    memory.accelerate(evaluation.pushed, evaluation.b)
+    return evaluation
 
 
 cdef double largest_ratio(const double* forces, const double[::1] mu, double* ratios) noexcept:
@@ -357,35 +357,35 @@ cdef class StageForces:
             self.states = self.evaluator.groups_in_memory()
         if self.states is None:
             return
-        self.own = self.evaluator.empty()
-        self.force, self.b, self.sums = np.empty(self.own.nv), np.empty(self.own.rows), np.empty(self.own.nv)
+        self.memory = self.evaluator.empty()
+        self.force, self.b, self.sums = np.empty(self.memory.nv), np.empty(self.memory.rows), np.empty(self.memory.nv)
         self.patches = patches_of(self.evaluator) if modes.all_stick else None
         self.sliding = modes.any_slides
         if self.sliding:
             self.slides, self.straight = modes.slides.view(np.uint8), modes.straight.view(np.uint8)
-            self.directions, self.slips = modes.directions, np.zeros((self.own.points, 2))
+            self.directions, self.slips = modes.directions, np.zeros((self.memory.points, 2))
 
     def add(self, double[::1] applied not None):
         """Add the forces at the current state to the applied ones, (nv,), and return the stage."""
         return self.add_to(applied)
 
     cdef object add_to(self, double[::1] applied):
-        cdef RowMemory own = self.own
+        cdef RowMemory memory = self.memory
         cdef StageInMemory stage
         cdef Py_ssize_t d
         if self.states is None:
             return self.add_one_by_one(applied)
         self.smooth.write_force(&applied[0], &self.force[0])
-        self.evaluator.evaluate(self.states, own)
-        stage = empty_stage(own.rows, own.nv, len(own.counts), self.sliding)
-        if self.patches is not None and self.patches.prepare(self.states, own):
-            self.patches.solve(own, &self.force[0], stage.along, &self.sums[0])
+        self.evaluator.evaluate(self.states, memory)
+        stage = empty_stage(memory.rows, memory.nv, len(memory.counts), self.sliding)
+        if self.patches is not None and self.patches.prepare(self.states, memory):
+            self.patches.solve(memory, &self.force[0], stage.along, &self.sums[0])
         else:
             self.hold_rows(stage)
-        finish_stage(stage, own, &self.evaluator.rates[0], &self.sums[0])
+        finish_stage(stage, memory, &self.evaluator.rates[0], &self.sums[0])
         if self.sliding:
-            stage.write_slide(own, self.slides)
-        for d in range(own.nv):
+            stage.write_slide(memory, self.slides)
+        for d in range(memory.nv):
             applied[d] += self.sums[d]
         return stage
 
@@ -406,29 +406,29 @@ cdef class StageForces:
 
     cdef int hold_rows(self, StageInMemory stage) except -1:
         """Find the forces that hold the rows of all points, and the generalised forces."""
-        cdef RowMemory own = self.own
-        self.evaluator.combine(own)
-        own.accelerate(&self.force[0], &self.b[0])
-        memset(stage.along, 0, own.rows * sizeof(double))
-        if presses_alone(self.modes, own):
-            stage.along[0] = -self.b[0] / own.inverse_mass(0)
-            generalise(stage.along, own, &self.sums[0])
+        cdef RowMemory memory = self.memory
+        self.evaluator.combine(memory)
+        memory.accelerate(&self.force[0], &self.b[0])
+        memset(stage.along, 0, memory.rows * sizeof(double))
+        if presses_alone(self.modes, memory):
+            stage.along[0] = -self.b[0] / memory.inverse_mass(0)
+            generalise(stage.along, memory, &self.sums[0])
             return 0
         self.hold()
         if self.sliding:
-            directions_of_slip(own, self.slides, self.straight, self.directions, &self.slips[0, 0])
-            self.held.turn(&self.slips[0, 0])
-        self.held.write_forces(&self.b[0], stage.along)
-        generalise(stage.along, own, &self.sums[0])
+            directions_of_slip(memory, self.slides, self.straight, self.directions, &self.slips[0, 0])
+            self.active.turn(&self.slips[0, 0])
+        self.active.write_forces(&self.b[0], stage.along)
+        generalise(stage.along, memory, &self.sums[0])
         return 0
 
     cdef int hold(self) except -1:
         """Take the rows that are held in this step, as the start of the step determined them, and their matrix."""
-        structure = structure_of(self.modes, self.own)
+        structure = structure_of(self.modes, self.memory)
         if structure is not self.structure:
-            self.structure, self.held = structure, None
-        if self.held is None:
-            self.held = of_rows(self.own, self.structure)
+            self.structure, self.active = structure, None
+        if self.active is None:
+            self.active = of_rows(self.memory, self.structure)
         else:
-            self.held.take(self.own.delassus())
+            self.active.take(self.memory.delassus())
         return 0

@@ -25,10 +25,10 @@ cdef class FaceState:
     cdef double[3] normal
     cdef double[3] offset
     cdef double[3] turning  # rate of the normal
-    cdef double[3] own_turning  # that of the normal of the face, from which it differs in a flat patch
+    cdef double[3] face_turning  # that of the normal of the face, from which it differs in a flat patch
     cdef double sign
     cdef bytearray block
-    cdef double* own
+    cdef double* values
 
     cdef void move(self, const Twist* b, const Twist* a) noexcept
     cdef void place_points(self, const double* omega) noexcept
@@ -44,10 +44,10 @@ cdef class FaceState:
     cdef Py_ssize_t write_scales(self, double* scales) noexcept
     cdef int find_extremes(self, double* inside, double* gap, double* rate, double* lowest) except -1
     cdef void add_resultant(
-        self, const double* forces, Py_ssize_t at, double total, Py_ssize_t count, double* found
+        self, const double* forces, Py_ssize_t at, double total, Py_ssize_t count, double* out
     ) noexcept
     cdef object table(self)
 
 cdef void add_point(
-    const double* normal, const double* point, double force, double total, Py_ssize_t count, double* found
+    const double* normal, const double* point, double force, double total, Py_ssize_t count, double* out
 ) noexcept

@@ -73,8 +73,8 @@ cdef class FaceGroup:
         for i in range(3):
             self.normal[i] = face.normal[i]
         self.level = float(np.dot(face.normal, face.centre))
-        self.centres = np.array([each.point.centre for each in features])
-        self.first_radius, self.radius = np.ascontiguousarray(np.array([each.radii for each in features]).T)
+        self.centres = np.array([feature.point.centre for feature in features])
+        self.first_radius, self.radius = np.ascontiguousarray(np.array([feature.radii for feature in features]).T)
         self.sides = np.array([(*inwards, level) for inwards, level in face.sides]).reshape(-1, 4)
         first, second = face.body.id, features[0].point.body.id
         self.first_origin, self.first_axes = data.xpos[first], data.xmat[first]
@@ -84,7 +84,7 @@ cdef class FaceGroup:
         """The points at the current state, with the twists of both bodies of the contact there."""
         cdef FaceState state = FaceState.__new__(FaceState)
         state.group, state.count, state.block = self, self.count, room(self.count * COLUMNS)
-        state.own, state.sign = numbers(state.block), -1.0 if self.swapped else 1.0
+        state.values, state.sign = numbers(state.block), -1.0 if self.swapped else 1.0
         state.move(b, a)
         return state
 
@@ -116,10 +116,10 @@ cdef class FaceState:
                 + group.first_axes[3 * i + 2] * group.normal[2]
             )
         minus(self.second.centre, self.first.centre, self.offset)
-        cross(self.first.omega, self.normal, self.own_turning)
+        cross(self.first.omega, self.normal, self.face_turning)
         cross(omega, self.normal, self.turning)
         for p in range(self.count):
-            row = self.own + p * COLUMNS
+            row = self.values + p * COLUMNS
             for i in range(3):
                 row[PLACE + i] = group.second_origin[i] + (
                     group.centres[p, 0] * group.second_axes[3 * i]
@@ -142,10 +142,10 @@ cdef class FaceState:
             for i in range(3):
                 row[POINT_RATE + i] = w[i]
                 w[i] -= one[i]
-            row[RATE], row[BEND] = dot(self.normal, w), 2.0 * dot(self.own_turning, w)
+            row[RATE], row[BEND] = dot(self.normal, w), 2.0 * dot(self.face_turning, w)
             for i in range(3):
                 row[POINT + i] = row[PLACE + i] + row[LEVEL] * self.normal[i]
-                row[POINT_RATE + i] += row[LEVEL] * self.own_turning[i] - 0.5 * row[RATE] * self.normal[i]
+                row[POINT_RATE + i] += row[LEVEL] * self.face_turning[i] - 0.5 * row[RATE] * self.normal[i]
                 row[NORMAL + i] = self.sign * self.normal[i]
 
     cdef const double* centre(self) noexcept:
@@ -154,7 +154,7 @@ cdef class FaceState:
 
     cdef const double* point(self, Py_ssize_t p) noexcept:
         """Point of application of the force at a point."""
-        return self.own + p * COLUMNS + POINT
+        return self.values + p * COLUMNS + POINT
 
     cdef void wrench_row(self, const double* axis, const double* place, double* row) noexcept:
         """Moment and force of a unit force along an axis at a place."""
@@ -174,8 +174,8 @@ cdef class FaceState:
 
     cdef double normal_gamma(self, Py_ssize_t p) noexcept:
         cdef double[3] arm, other
-        minus(self.own + p * COLUMNS + PLACE, self.second.centre, arm)
-        minus(self.own + p * COLUMNS + PLACE, self.first.centre, other)
+        minus(self.values + p * COLUMNS + PLACE, self.second.centre, arm)
+        minus(self.values + p * COLUMNS + PLACE, self.first.centre, other)
         return self.normal_rate(&self.second, arm) - self.normal_rate(&self.first, other)
 
     cdef void outward(self, double* normal) noexcept:
@@ -190,50 +190,50 @@ cdef class FaceState:
         cdef double[3] normal
         self.outward(normal)
         for p in range(self.count):
-            self.wrench_row(normal, self.own + p * COLUMNS + PLACE, rows + 18 * p)
+            self.wrench_row(normal, self.values + p * COLUMNS + PLACE, rows + 18 * p)
             gamma[3 * p] = self.normal_gamma(p)
 
     cdef void tangential_rows(self, const double* tangents, double* rows, double* gamma) noexcept:
         """Write the wrench rows of two tangents and the rates along these into rows (n, t1, t2) of each point."""
         cdef Py_ssize_t p
         cdef int j
-        cdef double[3] arm, other, here, there, spin
+        cdef double[3] arm, other, acceleration, there, spin
         minus(self.second.omega, self.first.omega, spin)
         for p in range(self.count):
-            minus(self.own + p * COLUMNS + POINT, self.second.centre, arm)
-            minus(self.own + p * COLUMNS + POINT, self.first.centre, other)
-            spatial_at(&self.second, arm, here)
+            minus(self.values + p * COLUMNS + POINT, self.second.centre, arm)
+            minus(self.values + p * COLUMNS + POINT, self.first.centre, other)
+            spatial_at(&self.second, arm, acceleration)
             spatial_at(&self.first, other, there)
-            minus(here, there, here)
-            cross(spin, self.own + p * COLUMNS + POINT_RATE, there)
+            minus(acceleration, there, acceleration)
+            cross(spin, self.values + p * COLUMNS + POINT_RATE, there)
             for j in range(2):
-                self.wrench_row(tangents + 3 * j, self.own + p * COLUMNS + POINT, rows + 6 * (3 * p + j + 1))
+                self.wrench_row(tangents + 3 * j, self.values + p * COLUMNS + POINT, rows + 6 * (3 * p + j + 1))
                 # The second body moves along minus a tangent relative to the first one if it is a.
-                gamma[3 * p + j + 1] = self.sign * (dot(tangents + 3 * j, here) + dot(tangents + 3 * j, there))
+                gamma[3 * p + j + 1] = self.sign * (dot(tangents + 3 * j, acceleration) + dot(tangents + 3 * j, there))
 
     @property
     def gaps(self):
         """Gaps, m."""
         cdef Py_ssize_t p
-        return [self.own[p * COLUMNS + GAP] for p in range(self.count)]
+        return [self.values[p * COLUMNS + GAP] for p in range(self.count)]
 
     @property
     def rates(self):
         """Their rates, m/s."""
         cdef Py_ssize_t p
-        return [self.own[p * COLUMNS + RATE] for p in range(self.count)]
+        return [self.values[p * COLUMNS + RATE] for p in range(self.count)]
 
     @property
     def scales(self):
         """Largest terms of the curvature, m/s^2."""
         cdef Py_ssize_t p
-        return [fabs(self.own[p * COLUMNS + BEND]) for p in range(self.count)]
+        return [fabs(self.values[p * COLUMNS + BEND]) for p in range(self.count)]
 
     cdef Py_ssize_t write_scales(self, double* scales) noexcept:
         """Write these; the number of points."""
         cdef Py_ssize_t p
         for p in range(self.count):
-            scales[p] = fabs(self.own[p * COLUMNS + BEND])
+            scales[p] = fabs(self.values[p * COLUMNS + BEND])
         return self.count
 
     @property
@@ -246,30 +246,30 @@ cdef class FaceState:
         """Distance of a point to the bounds of the face."""
         cdef double[:, ::1] sides = self.group.sides
         cdef Py_ssize_t s
-        cdef double here, least = 0.0
+        cdef double distance, least = 0.0
         if not sides.shape[0]:
             return self.group.face.inside(tuple(self.table()[p, LOCAL : LOCAL + 3].tolist()))
         for s in range(sides.shape[0]):
-            here = dot(self.own + p * COLUMNS + LOCAL, &sides[s, 0]) - sides[s, 3]
-            least = here if s == 0 or here < least else least
+            distance = dot(self.values + p * COLUMNS + LOCAL, &sides[s, 0]) - sides[s, 3]
+            least = distance if s == 0 or distance < least else least
         return least
 
     cdef int find_extremes(self, double* inside, double* gap, double* rate, double* lowest) except -1:
         """Extremes over these points and those before: distance to the bounds, absolute gap and rate, and lowest gap."""
         cdef Py_ssize_t p
         for p in range(self.count):
-            lowest[0] = min(lowest[0], self.own[p * COLUMNS + GAP])
+            lowest[0] = min(lowest[0], self.values[p * COLUMNS + GAP])
             inside[0] = min(inside[0], self.inside(p))
-            gap[0], rate[0] = max(gap[0], fabs(self.own[p * COLUMNS + GAP])), max(rate[0], fabs(self.own[p * COLUMNS + RATE]))
+            gap[0], rate[0] = max(gap[0], fabs(self.values[p * COLUMNS + GAP])), max(rate[0], fabs(self.values[p * COLUMNS + RATE]))
         return 0
 
     cdef void add_resultant(
-        self, const double* forces, Py_ssize_t at, double total, Py_ssize_t count, double* found
+        self, const double* forces, Py_ssize_t at, double total, Py_ssize_t count, double* out
     ) noexcept:
         """Add these points to the resultant of their pair; see :func:`add_point`."""
         cdef Py_ssize_t p
         for p in range(self.count):
-            add_point(self.own + p * COLUMNS + NORMAL, self.own + p * COLUMNS + POINT, forces[at + p], total, count, found)
+            add_point(self.values + p * COLUMNS + NORMAL, self.values + p * COLUMNS + POINT, forces[at + p], total, count, out)
 
     cdef object table(self):
         """Numbers of all points, (m, columns)."""
@@ -290,15 +290,15 @@ cdef class FaceState:
         """States of the features."""
         places, rates = self.table()[:, PLACE : PLACE + 3], map(tuple, self.table()[:, POINT_RATE : POINT_RATE + 3].tolist())
         bends = self.table()[:, BEND].tolist()
-        each = zip(self.gaps, self.rates, self.normals, self.points, places, bends, self.insides, rates, strict=True)
+        states = zip(self.gaps, self.rates, self.normals, self.points, places, bends, self.insides, rates, strict=True)
         return [
             FeatureState(gap, rate, normal, point, place, place, bend, abs(bend), inside, point_rate)
-            for gap, rate, normal, point, place, bend, inside, point_rate in each
+            for gap, rate, normal, point, place, bend, inside, point_rate in states
         ]
 
 
 cdef void add_point(
-    const double* normal, const double* point, double force, double total, Py_ssize_t count, double* found
+    const double* normal, const double* point, double force, double total, Py_ssize_t count, double* out
 ) noexcept:
     """Add a point of a pair to its resultant force, its centre and its mean normal, (3, 3).
 
@@ -308,11 +308,11 @@ cdef void add_point(
         force: Its normal force, N.
         total: Sum of the normal forces of the pair, N.
         count: Number of points of the pair.
-        found: The resultant.
+        out: The resultant.
     """
     cdef int i
     cdef double weight = force / total if total > 0.0 else 1.0 / count
     for i in range(3):
-        found[i] += force * normal[i]
-        found[3 + i] += weight * point[i]
-        found[6 + i] += weight * normal[i]
+        out[i] += force * normal[i]
+        out[3 + i] += weight * point[i]
+        out[6 + i] += weight * normal[i]

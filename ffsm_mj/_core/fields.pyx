@@ -114,7 +114,7 @@ cdef class FieldForces:
 
     cdef int evaluate(self, data) except -1:
         """Evaluate the forces and torques on the bodies, and sum them up about the mass centres of the trees."""
-        cdef Bodies own = self.bodies
+        cdef Bodies bodies = self.bodies
         cdef Py_ssize_t k, b, i
         cdef const double* c
         cdef const double* w
@@ -122,30 +122,30 @@ cdef class FieldForces:
         if data is not self.bound:
             self.bound, self.centres, self.frames, self.twists = data, data.xipos, data.ximat, data.cvel
             self.subtree_centres, self.axes_of_dofs = data.subtree_com, data.cdof
-        for k in range(own.count):
+        for k in range(bodies.count):
             b = self.ids[k]
             c, w = &self.subtree_centres[self.roots[b], 0], &self.twists[b, 0]
             for i in range(3):
-                own.position[k, i], own.spin[k, i] = self.centres[b, i], w[i]
-                own.force[k, i] = own.torque[k, i] = 0.0
+                bodies.position[k, i], bodies.spin[k, i] = self.centres[b, i], w[i]
+                bodies.force[k, i] = bodies.torque[k, i] = 0.0
             for i in range(9):
-                own.turn[k, i] = self.frames[b, i]
-            x, y, z = own.position[k, 0] - c[0], own.position[k, 1] - c[1], own.position[k, 2] - c[2]
-            own.velocity[k, 0] = w[3] + w[1] * z - w[2] * y
-            own.velocity[k, 1] = w[4] + w[2] * x - w[0] * z
-            own.velocity[k, 2] = w[5] + w[0] * y - w[1] * x
+                bodies.turn[k, i] = self.frames[b, i]
+            x, y, z = bodies.position[k, 0] - c[0], bodies.position[k, 1] - c[1], bodies.position[k, 2] - c[2]
+            bodies.velocity[k, 0] = w[3] + w[1] * z - w[2] * y
+            bodies.velocity[k, 1] = w[4] + w[2] * x - w[0] * z
+            bodies.velocity[k, 2] = w[5] + w[0] * y - w[1] * x
         for field in self.fields:
-            field.add_wrenches(data.time, own)
+            field.add_wrenches(data.time, bodies)
         memset(&self.total[0, 0], 0, 6 * self.total.shape[0] * sizeof(double))
-        for k in range(own.count):
+        for k in range(bodies.count):
             b = self.ids[k]
             c = &self.subtree_centres[self.roots[b], 0]
-            x, y, z = own.position[k, 0] - c[0], own.position[k, 1] - c[1], own.position[k, 2] - c[2]
-            self.total[b, 0] = own.torque[k, 0] + y * own.force[k, 2] - z * own.force[k, 1]
-            self.total[b, 1] = own.torque[k, 1] + z * own.force[k, 0] - x * own.force[k, 2]
-            self.total[b, 2] = own.torque[k, 2] + x * own.force[k, 1] - y * own.force[k, 0]
+            x, y, z = bodies.position[k, 0] - c[0], bodies.position[k, 1] - c[1], bodies.position[k, 2] - c[2]
+            self.total[b, 0] = bodies.torque[k, 0] + y * bodies.force[k, 2] - z * bodies.force[k, 1]
+            self.total[b, 1] = bodies.torque[k, 1] + z * bodies.force[k, 0] - x * bodies.force[k, 2]
+            self.total[b, 2] = bodies.torque[k, 2] + x * bodies.force[k, 1] - y * bodies.force[k, 0]
             for i in range(3):
-                self.total[b, 3 + i] = own.force[k, i]
+                self.total[b, 3 + i] = bodies.force[k, i]
         return 0
 
     cdef void generalise(self, double* applied) noexcept:
@@ -164,17 +164,17 @@ cdef class FieldForces:
 
     cdef void rate(self) noexcept:
         """Write power, force and moment about the world origin by tree."""
-        cdef Bodies own = self.bodies
+        cdef Bodies bodies = self.bodies
         cdef Py_ssize_t k, i
         cdef double* rate
         cdef const double* f
         cdef const double* t
         cdef const double* p
         memset(&self.rates[0, 0], 0, 7 * self.rates.shape[0] * sizeof(double))
-        for k in range(own.count):
-            rate, f, t, p = &self.rates[self.trees[k], 0], &own.force[k, 0], &own.torque[k, 0], &own.position[k, 0]
+        for k in range(bodies.count):
+            rate, f, t, p = &self.rates[self.trees[k], 0], &bodies.force[k, 0], &bodies.torque[k, 0], &bodies.position[k, 0]
             for i in range(3):
-                rate[0] += f[i] * own.velocity[k, i] + t[i] * own.spin[k, i]
+                rate[0] += f[i] * bodies.velocity[k, i] + t[i] * bodies.spin[k, i]
                 rate[1 + i] += f[i]
             rate[4] += t[0] + p[1] * f[2] - p[2] * f[1]
             rate[5] += t[1] + p[2] * f[0] - p[0] * f[2]

@@ -1,12 +1,12 @@
 from ffsm_mj._core.rows cimport RowEvaluator, RowMemory
 
 
-cdef class HeldForces:
+cdef class ActiveForces:
     cdef object structure, kept, memory
     cdef const double* G
     cdef const Py_ssize_t[::1] rows, slides, columns
     cdef const double[::1] mu
-    cdef Py_ssize_t held, rank, count
+    cdef Py_ssize_t active, rank, count
     cdef bint factored
     # Of the held rows: their elements of G, an orthonormal basis of their range, column by column, and their system, which
     # differs from G where points slide; -mu times the direction of slip of each of these
@@ -38,7 +38,7 @@ cdef class HeldForces:
     cdef int solve(self) except -1
     cdef int solve_singular(self) except -1
 
-cdef HeldForces of_rows(RowMemory own, structure)
+cdef ActiveForces of_rows(RowMemory memory, structure)
 
 
 cdef class StuckPatches:
@@ -47,7 +47,7 @@ cdef class StuckPatches:
     cdef Py_ssize_t pairs, nv, reduced
     cdef list groups_of_pairs
     cdef Py_ssize_t[::1] counts, starts
-    cdef HeldForces held
+    cdef ActiveForces active_forces
     cdef bytearray block
     # Reduced rows and these times M^-1, (reduced, nv); their matrix, and its factor; accelerations along them without
     # contact forces, and forces; of each pair, W^T W, factored, (6, 6), and middle and mean distance of its points, (4,);
@@ -63,14 +63,14 @@ cdef class StuckPatches:
     cdef double* shifted
 
     cdef int set_up(self, RowEvaluator evaluator) except -1
-    cdef bint prepare(self, list states, RowMemory own) except -1
+    cdef bint prepare(self, list states, RowMemory memory) except -1
     cdef int hold(self) except -1
-    cdef int solve(self, RowMemory own, const double* force, double* along, double* generalised) except -1
+    cdef int solve(self, RowMemory memory, const double* force, double* along, double* generalised) except -1
     cdef void find_frame(self, Py_ssize_t q, list states) noexcept
     cdef void reduce_patch(self, Py_ssize_t q) noexcept
     cdef void reduce_point(self, Py_ssize_t q, const double* wrenches) noexcept
-    cdef bint factor_normal(self, Py_ssize_t q, RowMemory own) except -1
-    cdef int set_right(self, const double* force, RowMemory own) except -1
+    cdef bint factor_normal(self, Py_ssize_t q, RowMemory memory) except -1
+    cdef int set_right(self, const double* force, RowMemory memory) except -1
     cdef int find_forces(self) except -1
     cdef int spread(self, double* along) except -1
 cdef StuckPatches patches_of(RowEvaluator evaluator)

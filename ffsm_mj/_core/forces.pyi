@@ -3,10 +3,10 @@ from typing import TYPE_CHECKING
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
-    from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, HeldRows
+    from ffsm_mj.contact_models.persistent.friction.problem import ActiveRows, FrictionProblem
 
-class HeldForces:
-    def __init__(self, problem: FrictionProblem, structure: HeldRows) -> None: ...
+class ActiveForces:
+    def __init__(self, problem: FrictionProblem, structure: ActiveRows) -> None: ...
     @property
     def redundant(self) -> bool: ...
     def springs(self, rows: FloatArray, forces: FloatArray) -> FloatArray: ...

@@ -44,7 +44,7 @@ cdef double _RANK = RANK
 cdef double FLAT = 1e-6  # pivots of W^T W below this share of the largest: the points are almost on a line
 
 
-cdef class HeldForces:
+cdef class ActiveForces:
     """The linear problem for the forces of held rows, at one state; under several efforts there.
 
     Sliding points have friction along their slip in proportion to their normal force: with the directions of
@@ -61,7 +61,7 @@ cdef class HeldForces:
         cdef double* start
         self.structure, self.kept, self.count = structure, kept, structure.count
         self.rows, self.slides, self.columns, self.mu = structure.rows, structure.slides, structure.columns, structure.mu
-        self.held = n
+        self.active = n
         size = 4 * n * n + 3 * n + 2 * m + 1
         self.memory = bytearray(<Py_ssize_t>sizeof(double) * size + <Py_ssize_t>sizeof(Py_ssize_t) * n)
         start = <double*><char*>self.memory
@@ -74,7 +74,7 @@ cdef class HeldForces:
 
     cdef void take(self, const double* G) noexcept:
         """Take the matrix of another state, of the same points in the same modes."""
-        cdef Py_ssize_t i, j, n = self.held, count = self.count
+        cdef Py_ssize_t i, j, n = self.active, count = self.count
         cdef const double* row
         cdef double* square = self.square
         self.G = G
@@ -88,7 +88,7 @@ cdef class HeldForces:
 
     cdef void find_system(self) noexcept:
         """Accelerations of the held rows per unit forces of these, which friction of sliding points accompanies."""
-        cdef Py_ssize_t c, i, n = self.held
+        cdef Py_ssize_t c, i, n = self.active
         cdef const double* row
         self.factored = False
         memcpy(self.system, self.square, n * n * sizeof(double))
@@ -99,9 +99,9 @@ cdef class HeldForces:
 
     def turn_to(self, slips):
         """Set the directions of slip, (k, 2)."""
-        cdef const double[:, ::1] given = np.ascontiguousarray(slips)
+        cdef const double[:, ::1] contiguous = np.ascontiguousarray(slips)
         if self.slides.shape[0]:
-            self.turn(&given[0, 0])
+            self.turn(&contiguous[0, 0])
 
     cdef void turn(self, const double* slips) noexcept:
         """The same, for slips in memory."""
@@ -117,7 +117,7 @@ cdef class HeldForces:
 
     cdef void find_range(self) noexcept:
         """Determine the rank of the held rows, and a basis of their range if it is not all."""
-        cdef Py_ssize_t j, n = self.held
+        cdef Py_ssize_t j, n = self.active
         self.rank = pivots(self.work, n, _RANK, self.order)
         if self.rank < n:
             for j in range(self.rank):
@@ -127,15 +127,15 @@ cdef class HeldForces:
     @property
     def redundant(self):
         """Whether rows depend on each other."""
-        return self.rank < self.held
+        return self.rank < self.active
 
     cdef object matrix(self, const double* values, Py_ssize_t rows, Py_ssize_t columns):
         return np.array([[values[i * columns + j] for j in range(columns)] for i in range(rows)]).reshape(rows, columns)
 
     cdef object independent(self):
         """A basis of the range of the held rows, (r, rank), and their matrix there, 1/kg."""
-        U = self.matrix(self.basis, self.rank, self.held).T if self.rank < self.held else np.eye(self.held)
-        return U, U.T @ self.matrix(self.square, self.held, self.held) @ U
+        U = self.matrix(self.basis, self.rank, self.active).T if self.rank < self.active else np.eye(self.active)
+        return U, U.T @ self.matrix(self.square, self.active, self.active) @ U
 
     def springs(self, rows, forces):
         """Forces of springs along other rows, under the displacement that gives the held ones theirs, N, (m,)."""
@@ -171,16 +171,16 @@ cdef class HeldForces:
     def forces(self, const double[::1] b not None, slips):
         """Forces (n, t1, t2) of each point for given directions of slip, N, (k, 3)."""
         forces = np.zeros((self.count // 3, 3))
-        cdef double[:, ::1] found = forces
+        cdef double[:, ::1] view = forces
         if self.count:
             self.turn_to(slips)
-            self.write_forces(&b[0], &found[0, 0])
+            self.write_forces(&b[0], &view[0, 0])
         return forces
 
     cdef int write_forces(self, const double* b, double* forces) except -1:
         """Add these forces to zeros, (3k,)."""
         cdef Py_ssize_t i
-        for i in range(self.held):
+        for i in range(self.active):
             self.right[i] = -b[self.rows[i]]
         self.solve()
         self.add_forces(forces)
@@ -189,7 +189,7 @@ cdef class HeldForces:
     cdef void add_forces(self, double* forces) noexcept:
         """Add the forces of the held rows, and the friction that accompanies them."""
         cdef Py_ssize_t c, i, p
-        for i in range(self.held):
+        for i in range(self.active):
             forces[self.rows[i]] += self.right[i]
         for c in range(self.slides.shape[0]):
             p, i = self.slides[c], self.columns[c]
@@ -204,24 +204,24 @@ cdef class HeldForces:
         cdef double first, second
         cdef const double* row
         changes = np.zeros((len(points), self.count))
-        cdef double[:, ::1] found = changes
+        cdef double[:, ::1] view = changes
         for c in range(points.shape[0]):
             p = points[c]
             first, second = (-self.mu[p] * normal_forces[c] * across[c, j] for j in range(2))
-            found[c, 3 * p + 1], found[c, 3 * p + 2] = first, second
-            for i in range(self.held):
+            view[c, 3 * p + 1], view[c, 3 * p + 2] = first, second
+            for i in range(self.active):
                 row = self.G + self.rows[i] * self.count + 3 * p
                 self.right[i] = -(row[1] * first + row[2] * second)
             self.solve()
-            self.add_forces(&found[c, 0])
+            self.add_forces(&view[c, 0])
         return changes.T
 
     cdef void reduce(self) noexcept:
         """Put the system in the range of the held rows, (rank, rank), into the work space."""
-        if self.rank < self.held:
-            reduced(self.system, self.basis, self.held, self.rank, self.half, self.work)
+        if self.rank < self.active:
+            reduced(self.system, self.basis, self.active, self.rank, self.half, self.work)
         else:
-            memcpy(self.work, self.system, self.held * self.held * sizeof(double))
+            memcpy(self.work, self.system, self.active * self.active * sizeof(double))
 
     cdef void factor(self) noexcept:
         """Factor the system, if it is regular."""
@@ -231,7 +231,7 @@ cdef class HeldForces:
 
     cdef void project(self) noexcept:
         """Components of the right side in the range of the held rows."""
-        cdef Py_ssize_t i, j, n = self.held
+        cdef Py_ssize_t i, j, n = self.active
         cdef double total
         cdef const double* column
         if self.rank == n:
@@ -245,7 +245,7 @@ cdef class HeldForces:
 
     cdef void expand(self) noexcept:
         """The opposite of :meth:`project`."""
-        cdef Py_ssize_t i, j, n = self.held
+        cdef Py_ssize_t i, j, n = self.active
         cdef double part
         cdef double* right = self.right
         cdef const double* column
@@ -274,16 +274,16 @@ cdef class HeldForces:
         self.project()
         self.reduce()
         system = self.matrix(self.work, self.rank, self.rank)
-        for j, each in enumerate(np.linalg.lstsq(system, self.matrix(self.inner, self.rank, 1)[:, 0], rcond=EPSILON)[0]):
-            self.inner[<Py_ssize_t>j] = each
+        for j, value in enumerate(np.linalg.lstsq(system, self.matrix(self.inner, self.rank, 1)[:, 0], rcond=EPSILON)[0]):
+            self.inner[<Py_ssize_t>j] = value
         return 0
 
 
-cdef HeldForces of_rows(RowMemory own, structure):
+cdef ActiveForces of_rows(RowMemory memory, structure):
     """The problem of rows in memory."""
-    cdef HeldForces held = HeldForces.__new__(HeldForces)
-    held.set_up(own, own.delassus(), structure)
-    return held
+    cdef ActiveForces active = ActiveForces.__new__(ActiveForces)
+    active.set_up(memory, memory.delassus(), structure)
+    return active
 
 
 cdef class StuckPatches:
@@ -318,22 +318,22 @@ cdef class StuckPatches:
         self.shifted = self.frames + 4 * self.pairs
         return 0
 
-    cdef bint prepare(self, list states, RowMemory own) except -1:
+    cdef bint prepare(self, list states, RowMemory memory) except -1:
         """Reduce the rows at the state that the evaluator has evaluated last; False where the general solution is needed.
 
         Args:
             states: Points at the state.
-            own: Their wrench rows and gamma.
+            memory: Their wrench rows and gamma.
         """
         cdef Py_ssize_t q, i, j, d, n = self.reduced, nv = self.nv
         cdef double total
         cdef const double* row
         for q in range(self.pairs):
             if self.counts[q] == 1:
-                self.reduce_point(q, own.wrenches + 18 * (<Group>self.evaluator.groups[self.groups_of_pairs[q][0]]).start)
+                self.reduce_point(q, memory.wrenches + 18 * (<Group>self.evaluator.groups[self.groups_of_pairs[q][0]]).start)
             else:
                 self.find_frame(q, states)
-                if not self.factor_normal(q, own):
+                if not self.factor_normal(q, memory):
                     return False
                 self.reduce_patch(q)
         for i in range(n):
@@ -351,24 +351,24 @@ cdef class StuckPatches:
 
     cdef int hold(self) except -1:
         """Take the matrix where the bodies themselves cannot move along some of the reduced rows."""
-        if self.held is None:
-            self.held = HeldForces.__new__(HeldForces)
-            self.held.set_up(None, self.A, Active(self.reduced, np.arange(self.reduced)))
+        if self.active_forces is None:
+            self.active_forces = ActiveForces.__new__(ActiveForces)
+            self.active_forces.set_up(None, self.A, Active(self.reduced, np.arange(self.reduced)))
         else:
-            self.held.take(self.A)
+            self.active_forces.take(self.A)
         return 0
 
-    cdef int solve(self, RowMemory own, const double* force, double* along, double* generalised) except -1:
+    cdef int solve(self, RowMemory memory, const double* force, double* along, double* generalised) except -1:
         """Find the forces along the rows, N, (m,), and the generalised forces, (nv,).
 
         Args:
-            own: Wrench rows and gamma of the points.
+            memory: Wrench rows and gamma of the points.
             force: Generalised forces less the bias, (nv,).
             along: The forces.
             generalised: The generalised forces.
         """
         cdef Py_ssize_t i, d, n = self.reduced, nv = self.nv
-        self.set_right(force, own)
+        self.set_right(force, memory)
         self.find_forces()
         memset(generalised, 0, nv * sizeof(double))
         for i in range(n):
@@ -381,7 +381,7 @@ cdef class StuckPatches:
         cdef Py_ssize_t i, n = self.reduced
         if not self.is_regular:
             memset(self.forces, 0, n * sizeof(double))
-            return self.held.write_forces(self.right, self.forces)
+            return self.active_forces.write_forces(self.right, self.forces)
         for i in range(n):
             self.forces[i] = -self.right[i]
         forward(self.factor, self.forces, n)
@@ -416,17 +416,17 @@ cdef class StuckPatches:
         cdef const double* c = self.frames + 4 * q
         cdef const double* L = self.N + 36 * q
         cdef Py_ssize_t d, nv = self.nv, at = self.starts[q] * self.nv
-        cdef int each, i, j
-        cdef const double* given
+        cdef int side, i, j
+        cdef const double* source
         cdef double* row
-        for each in range(2):
-            given = (&self.evaluator.own[6 * q, 0] if each == 0 else &self.evaluator.responses[6 * q, 0])
-            row = (self.J if each == 0 else self.response) + at
+        for side in range(2):
+            source = (&self.evaluator.jacobian[6 * q, 0] if side == 0 else &self.evaluator.responses[6 * q, 0])
+            row = (self.J if side == 0 else self.response) + at
             for d in range(nv):
-                row[d], row[nv + d], row[2 * nv + d] = c[3] * given[d], c[3] * given[nv + d], c[3] * given[2 * nv + d]
-                row[3 * nv + d] = given[3 * nv + d] + given[nv + d] * c[2] - given[2 * nv + d] * c[1]
-                row[4 * nv + d] = given[4 * nv + d] + given[2 * nv + d] * c[0] - given[d] * c[2]
-                row[5 * nv + d] = given[5 * nv + d] + given[d] * c[1] - given[nv + d] * c[0]
+                row[d], row[nv + d], row[2 * nv + d] = c[3] * source[d], c[3] * source[nv + d], c[3] * source[2 * nv + d]
+                row[3 * nv + d] = source[3 * nv + d] + source[nv + d] * c[2] - source[2 * nv + d] * c[1]
+                row[4 * nv + d] = source[4 * nv + d] + source[2 * nv + d] * c[0] - source[d] * c[2]
+                row[5 * nv + d] = source[5 * nv + d] + source[d] * c[1] - source[nv + d] * c[0]
             for i in range(6):
                 for d in range(nv):
                     row[i * nv + d] *= L[7 * i]
@@ -445,14 +445,14 @@ cdef class StuckPatches:
                 J[d] = response[d] = 0.0
             for j in range(6):
                 for d in range(nv):
-                    J[d] += wrenches[6 * i + j] * self.evaluator.own[6 * q + j, d]
+                    J[d] += wrenches[6 * i + j] * self.evaluator.jacobian[6 * q + j, d]
                     response[d] += wrenches[6 * i + j] * self.evaluator.responses[6 * q + j, d]
 
-    cdef bint factor_normal(self, Py_ssize_t q, RowMemory own) except -1:
+    cdef bint factor_normal(self, Py_ssize_t q, RowMemory memory) except -1:
         """Shift the wrench rows of the points of a pair to their middle, and factor W^T W."""
         cdef const double* c = self.frames + 4 * q
         cdef double* N = self.N + 36 * q
-        cdef const double* given
+        cdef const double* source
         cdef double* row
         cdef Py_ssize_t i
         cdef int j, l
@@ -463,17 +463,17 @@ cdef class StuckPatches:
         for g in self.groups_of_pairs[q]:
             group = self.evaluator.groups[g]
             for i in range(3 * group.start, 3 * (group.start + group.count)):
-                given, row = own.wrenches + 6 * i, self.shifted + 6 * i
-                row[0] = (given[0] - c[1] * given[5] + c[2] * given[4]) / c[3]
-                row[1] = (given[1] - c[2] * given[3] + c[0] * given[5]) / c[3]
-                row[2] = (given[2] - c[0] * given[4] + c[1] * given[3]) / c[3]
-                row[3], row[4], row[5] = given[3], given[4], given[5]
+                source, row = memory.wrenches + 6 * i, self.shifted + 6 * i
+                row[0] = (source[0] - c[1] * source[5] + c[2] * source[4]) / c[3]
+                row[1] = (source[1] - c[2] * source[3] + c[0] * source[5]) / c[3]
+                row[2] = (source[2] - c[0] * source[4] + c[1] * source[3]) / c[3]
+                row[3], row[4], row[5] = source[3], source[4], source[5]
                 for j in range(6):
                     for l in range(j + 1):
                         N[6 * j + l] += row[j] * row[l]
         return cholesky(N, 6, FLAT)
 
-    cdef int set_right(self, const double* force, RowMemory own) except -1:
+    cdef int set_right(self, const double* force, RowMemory memory) except -1:
         """Accelerations along the reduced rows without contact forces."""
         cdef Py_ssize_t q, i, d, nv = self.nv
         cdef int j
@@ -489,14 +489,14 @@ cdef class StuckPatches:
             if self.counts[q] == 1:
                 group = self.evaluator.groups[self.groups_of_pairs[q][0]]
                 for j in range(3):
-                    self.right[self.starts[q] + j] += own.gamma[3 * group.start + j]
+                    self.right[self.starts[q] + j] += memory.gamma[3 * group.start + j]
                 continue
             memset(part, 0, sizeof(part))
             for g in self.groups_of_pairs[q]:
                 group = self.evaluator.groups[g]
                 for i in range(3 * group.start, 3 * (group.start + group.count)):
                     for j in range(6):
-                        part[j] += self.shifted[6 * i + j] * own.gamma[i]
+                        part[j] += self.shifted[6 * i + j] * memory.gamma[i]
             forward(self.N + 36 * q, part, 6)
             for j in range(6):
                 self.right[self.starts[q] + j] += part[j]
@@ -526,6 +526,6 @@ cdef class StuckPatches:
 
 cdef StuckPatches patches_of(RowEvaluator evaluator):
     """The points of an evaluator, all of which stick; None where they are held by other rows."""
-    cdef StuckPatches found = StuckPatches.__new__(StuckPatches)
-    found.set_up(evaluator)
-    return found if found.possible else None
+    cdef StuckPatches patches = StuckPatches.__new__(StuckPatches)
+    patches.set_up(evaluator)
+    return patches if patches.possible else None

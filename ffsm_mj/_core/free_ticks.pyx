@@ -110,7 +110,7 @@ cdef class FreeTicks:
             until_s: Time from which another law may be in charge, s.
             clock: Monotonic time from which the log is to be flushed, s.
         """
-        cdef TickLaw own = law
+        cdef TickLaw tick_law = law
         cdef bint changes = False
         self.travels, self.bound_within = travels, bound_within
         cdef double now, started, period_s = self.step_s * self.steps_per_tick
@@ -119,7 +119,7 @@ cdef class FreeTicks:
             if now >= until_s or started >= clock:
                 return
             PyErr_CheckSignals()
-            if own is None:
+            if tick_law is None:
                 self.ticks += 1
                 self.count()
                 try:
@@ -127,7 +127,7 @@ cdef class FreeTicks:
                 finally:
                     self.line = self.recorder.line  # it may have written an event, and the rows before it
             else:
-                if not own.command(limits):
+                if not tick_law.command(limits):
                     return  # the loop evaluates it again, and says what is wrong
                 self.ticks, self.evaluations = self.ticks + 1, self.evaluations + 1
                 self.law_s += monotonic() - started
@@ -135,7 +135,7 @@ cdef class FreeTicks:
             if report is not None:
                 self.count()
                 report(now)
-            if changes or not self.step(move, stepper, forces, event_bound, own, interrupted, warnings):
+            if changes or not self.step(move, stepper, forces, event_bound, tick_law, interrupted, warnings):
                 return
 
     cdef int record(self, double time_s) except -1:
@@ -201,8 +201,8 @@ cdef class FreeTicks:
             self.work.close(self.step_s)
             if forces is not None:
                 self.work.add(exchange, exchange + 3, exchange + 9)
-            for each in self.after_step:
-                each(self.step_s)
+            for account in self.after_step:
+                account(self.step_s)
             self.steps += 1
             # A multiple of the step, not a sum, so that it does not accumulate rounding.
             self.data.time = self.steps * self.step_s

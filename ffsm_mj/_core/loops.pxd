@@ -30,8 +30,8 @@ cdef class LoopStage:
     cdef int[::1] roots
     cdef Py_ssize_t[::1] columns  # degrees of freedom that take part in any row
     cdef double[::1] qpos, qvel, passive, bias, actuator, applied, ctrl, seen_ctrl
-    cdef double[::1] last_qpos, last_qvel, all_gamma, every_error, force, own_gamma, own_y
-    cdef double[:, ::1] rows, T, others, own_R, own_response, own_factor, start_response, turn
+    cdef double[::1] last_qpos, last_qvel, all_gamma, every_error, force, gamma_view, y_view
+    cdef double[:, ::1] rows, T, others, R_view, response_view, factor_view, start_response, turn
     cdef double vanishes
 
     cpdef int evaluate(self) except -1
@@ -42,8 +42,8 @@ cdef class LoopStage:
     cdef int solve(self, const double* force) except -1
     cdef int write_loads(self, const Py_ssize_t[::1] counts, double* loads) except -1
     cpdef int push(self) except -1
-    cdef void body(self, Py_ssize_t number, const Py_ssize_t[::1] moves, Body* found) noexcept
-    cdef void point(self, Latch latch, double* found) noexcept
+    cdef void body(self, Py_ssize_t number, const Py_ssize_t[::1] moves, Body* out) noexcept
+    cdef void point(self, Latch latch, double* out) noexcept
     cdef void evaluate_latch(self, Latch latch) noexcept
     cdef void combined_row(self, const double* share, double* row) noexcept
     cdef double product(self, const double* full, const double* row) noexcept

@@ -40,12 +40,12 @@ cdef class Latch:
         self.about_axis = not latch.stopped[:, 5].any() and latch.stopped[:, 3].any()
         self.on_first, self.on_second = first, second = chain(model, self.first), chain(model, self.second)
         moves = (first != second) | ((second != 0.0) & (not self.together))
-        self.of_first, self.of_second, self.dofs = (np.flatnonzero(each) for each in (first, second, moves))
+        self.of_first, self.of_second, self.dofs = (np.flatnonzero(flags) for flags in (first, second, moves))
         self.point_in_first, self.point_in_second = latch.point_in_first.copy(), latch.point_in_second.copy()
         stopped = np.concatenate((latch.stopped[:, :3], LENGTH_M * latch.stopped[:, 3:]))
         self.components = np.ascontiguousarray(stopped @ latch.axes_in_first.T)
         self.axes_in_first, self.axes_in_second = (
-            np.ascontiguousarray(each.T) for each in (latch.axes_in_first, latch.axes_in_second)
+            np.ascontiguousarray(axes.T) for axes in (latch.axes_in_first, latch.axes_in_second)
         )
 
 
@@ -109,19 +109,19 @@ cdef class LoopStage:
         self.m, self.d, self.nv = <const mjModel*>address(model), <mjData*>address(data), model.nv
         self.places, self.n, self.vanishes = [], 0, VANISHES * rank
         columns = set()
-        for each in bound:
-            if isinstance(each, BoundLatch):
-                latch = Latch(model, each, self.n)
+        for source in bound:
+            if isinstance(source, BoundLatch):
+                latch = Latch(model, source, self.n)
                 self.places.append(latch)
                 columns.update(latch.dofs)
-            elif isinstance(each, JointRow):
-                (<JointRow>each).start = self.n
-                self.places.append(each)
-                columns.update(dof for dof in ((<JointRow>each).follower, (<JointRow>each).leader) if dof >= 0)
+            elif isinstance(source, JointRow):
+                (<JointRow>source).start = self.n
+                self.places.append(source)
+                columns.update(dof for dof in ((<JointRow>source).follower, (<JointRow>source).leader) if dof >= 0)
             else:
-                self.places.append((each, self.n))
+                self.places.append((source, self.n))
                 columns.update(range(self.nv))
-            self.n += each.count
+            self.n += source.count
         self.columns = np.array(sorted(columns), dtype=np.intp)
         self.cdof, self.cdof_dot, self.cvel = data.cdof, data.cdof_dot, data.cvel
         self.centres, self.xpos, self.xmat = data.subtree_com, data.xpos, data.xmat
@@ -145,37 +145,37 @@ cdef class LoopStage:
         self.T, self.others, self.r, self.current, self.begun = T, others, len(T), False, False
         self.R, self.response = np.zeros((self.r, self.nv)), np.zeros((self.r, self.nv))
         self.factor, self.gamma, self.y = np.zeros((self.r, self.r)), np.zeros(self.r), np.zeros(self.r)
-        self.own_R, self.own_response, self.own_factor = self.R, self.response, self.factor
-        self.own_gamma, self.own_y = self.gamma, self.y
+        self.R_view, self.response_view, self.factor_view = self.R, self.response, self.factor
+        self.gamma_view, self.y_view = self.gamma, self.y
         self.start_response, self.turn = np.zeros((self.r, self.nv)), np.zeros((self.r, self.r))
 
-    cdef void body(self, Py_ssize_t number, const Py_ssize_t[::1] moves, Body* found) noexcept:
+    cdef void body(self, Py_ssize_t number, const Py_ssize_t[::1] moves, Body* out) noexcept:
         cdef const double* velocity = &self.cvel[number, 0]
         cdef const double* centre = &self.centres[self.roots[number], 0]
         cdef Py_ssize_t k, dof
         cdef int i
         cdef double rate
         for i in range(3):
-            found.centre[i], found.omega[i], found.velocity[i] = centre[i], velocity[i], velocity[3 + i]
-            found.alpha[i], found.acceleration[i] = 0.0, 0.0
+            out.centre[i], out.omega[i], out.velocity[i] = centre[i], velocity[i], velocity[3 + i]
+            out.alpha[i], out.acceleration[i] = 0.0, 0.0
         for k in range(moves.shape[0]):
             dof = moves[k]
             rate = self.qvel[dof]
             for i in range(3):
-                found.alpha[i] += rate * self.cdof_dot[dof, i]
-                found.acceleration[i] += rate * self.cdof_dot[dof, 3 + i]
+                out.alpha[i] += rate * self.cdof_dot[dof, i]
+                out.acceleration[i] += rate * self.cdof_dot[dof, 3 + i]
 
-    cdef void point(self, Latch latch, double* found) noexcept:
+    cdef void point(self, Latch latch, double* out) noexcept:
         """The point of the second body, world axes."""
         cdef int i
-        turned(&self.xmat[latch.second, 0], &latch.point_in_second[0], found)
+        turned(&self.xmat[latch.second, 0], &latch.point_in_second[0], out)
         for i in range(3):
-            found[i] += self.xpos[latch.second, i]
+            out[i] += self.xpos[latch.second, i]
 
     cdef void evaluate_latch(self, Latch latch) noexcept:
         """Rows of a latch, and their rates at zero acceleration."""
         cdef Body a, b
-        cdef double[3] place, arm_a, arm_b, own, other, along, turning, linear, angular, moment, here
+        cdef double[3] place, arm_a, arm_b, of_b, other, along, turning, linear, angular, moment, cross_product
         cdef Py_ssize_t i, j, dof, k, n = latch.count
         cdef int c
         cdef double total
@@ -185,24 +185,24 @@ cdef class LoopStage:
         for c in range(3):
             arm_a[c], arm_b[c] = place[c] - a.centre[c], place[c] - b.centre[c]
         # Accelerations of the material points at the place, relative to axes fixed in the first body.
-        cross(b.omega, arm_b, own)
+        cross(b.omega, arm_b, of_b)
         cross(a.omega, arm_a, other)
         for c in range(3):
-            own[c] += b.velocity[c]
+            of_b[c] += b.velocity[c]
             other[c] += a.velocity[c]
         cross(b.alpha, arm_b, along)
-        cross(b.omega, own, here)
+        cross(b.omega, of_b, cross_product)
         for c in range(3):
-            along[c] += b.acceleration[c] + here[c]
+            along[c] += b.acceleration[c] + cross_product[c]
         cross(a.alpha, arm_a, moment)
-        cross(a.omega, other, here)
+        cross(a.omega, other, cross_product)
         for c in range(3):
-            along[c] -= moment[c] + a.acceleration[c] + here[c]
-            own[c] = 2.0 * (own[c] - other[c])
-        cross(a.omega, own, here)
+            along[c] -= moment[c] + a.acceleration[c] + cross_product[c]
+            of_b[c] = 2.0 * (of_b[c] - other[c])
+        cross(a.omega, of_b, cross_product)
         cross(a.omega, b.omega, moment)
         for c in range(3):
-            along[c] -= here[c]
+            along[c] -= cross_product[c]
             turning[c] = b.alpha[c] - a.alpha[c] - moment[c]
         for i in range(n):
             k = latch.start + i
@@ -213,12 +213,12 @@ cdef class LoopStage:
                 total += linear[c] * along[c] + angular[c] * turning[c]
             self.all_gamma[k] = total
             cross(arm_a, linear, moment)
-            cross(arm_b, linear, here)
+            cross(arm_b, linear, cross_product)
             for j in range(latch.dofs.shape[0]):
                 dof, total = latch.dofs[j], 0.0
                 if latch.on_second[dof] != 0.0:
                     for c in range(3):
-                        total += (angular[c] + here[c]) * self.cdof[dof, c] + linear[c] * self.cdof[dof, 3 + c]
+                        total += (angular[c] + cross_product[c]) * self.cdof[dof, c] + linear[c] * self.cdof[dof, 3 + c]
                 if latch.on_first[dof] != 0.0:
                     for c in range(3):
                         total -= (angular[c] + moment[c]) * self.cdof[dof, c] + linear[c] * self.cdof[dof, 3 + c]
@@ -243,16 +243,16 @@ cdef class LoopStage:
                 k = (<JointRow>place).start
                 (<JointRow>place).write(&self.rows[k, 0], &self.all_gamma[k])
             else:
-                own, k = place
-                own.evaluate(self.J[k : k + own.count], self.all_gamma.base[k : k + own.count])
+                other, k = place
+                other.evaluate(self.J[k : k + other.count], self.all_gamma.base[k : k + other.count])
         for i in range(self.r):
             total = 0.0
             for k in range(self.n):
                 total += self.T[i, k] * self.all_gamma[k]
-            self.own_gamma[i] = total
-            self.combined_row(&self.T[i, 0], &self.own_R[i, 0])
+            self.gamma_view[i] = total
+            self.combined_row(&self.T[i, 0], &self.R_view[i, 0])
         if self.r:
-            mj.solveM(self.m, self.d, &self.own_response[0, 0], &self.own_R[0, 0], <int>self.r)
+            mj.solveM(self.m, self.d, &self.response_view[0, 0], &self.R_view[0, 0], <int>self.r)
             self.factorise()
         memcpy(&self.last_qpos[0], &self.qpos[0], positions)
         memcpy(&self.last_qvel[0], &self.qvel[0], rates)
@@ -262,15 +262,15 @@ cdef class LoopStage:
     cdef void combined_row(self, const double* share, double* row) noexcept:
         """Write a combination of the rows; elements that are zero in all of them are left as they are."""
         cdef Py_ssize_t i, k, column, columns = self.columns.shape[0]
-        cdef const double* own
+        cdef const double* source_row
         for i in range(columns):
             row[self.columns[i]] = 0.0
         for k in range(self.n):
             if share[k] != 0.0:
-                own = &self.rows[k, 0]
+                source_row = &self.rows[k, 0]
                 for i in range(columns):
                     column = self.columns[i]
-                    row[column] += share[k] * own[column]
+                    row[column] += share[k] * source_row[column]
 
     cdef double product(self, const double* full, const double* row) noexcept:
         """Product of a vector and a row or a combination of rows."""
@@ -286,13 +286,13 @@ cdef class LoopStage:
         cdef double total
         for i in range(self.r):
             for j in range(i + 1):
-                total = self.product(&self.own_response[i, 0], &self.own_R[j, 0])
+                total = self.product(&self.response_view[i, 0], &self.R_view[j, 0])
                 for k in range(j):
-                    total -= self.own_factor[i, k] * self.own_factor[j, k]
+                    total -= self.factor_view[i, k] * self.factor_view[j, k]
                 if i > j:
-                    self.own_factor[i, j] = total / self.own_factor[j, j]
+                    self.factor_view[i, j] = total / self.factor_view[j, j]
                 elif total > 0.0:
-                    self.own_factor[i, i] = sqrt(total)
+                    self.factor_view[i, i] = sqrt(total)
                 else:
                     raise np.linalg.LinAlgError("rows of closed loops depend on each other within a step")
         return 0
@@ -303,7 +303,7 @@ cdef class LoopStage:
         cdef double total, most = 0.0, left = 0.0
         self.evaluate()
         for i in range(self.r):
-            if self.own_factor[i, i] < LEAST_PIVOT or self.own_factor[i, i] > LARGEST_PIVOT:
+            if self.factor_view[i, i] < LEAST_PIVOT or self.factor_view[i, i] > LARGEST_PIVOT:
                 return False
         for j in range(self.columns.shape[0]):
             column = self.columns[j]
@@ -320,7 +320,7 @@ cdef class LoopStage:
         """Keep the rows at the state in ``data`` for :meth:`turns_over`: a step begins there."""
         self.evaluate()
         if self.r:
-            memcpy(&self.start_response[0, 0], &self.own_response[0, 0], self.r * self.nv * sizeof(double))
+            memcpy(&self.start_response[0, 0], &self.response_view[0, 0], self.r * self.nv * sizeof(double))
         self.begun = True
         return 0
 
@@ -336,7 +336,7 @@ cdef class LoopStage:
         self.evaluate()
         for i in range(self.r):
             for j in range(self.r):
-                self.turn[i, j] = self.product(&self.start_response[i, 0], &self.own_R[j, 0])
+                self.turn[i, j] = self.product(&self.start_response[i, 0], &self.R_view[j, 0])
         for i in range(self.r):  # Gaussian elimination
             best = i
             for k in range(i + 1, self.r):
@@ -360,12 +360,12 @@ cdef class LoopStage:
     def errors(self):
         """Errors in position of the rows R, (r,)."""
         cdef Py_ssize_t i
-        found = np.empty(self.r)
-        cdef double[::1] own = found
+        errors = np.empty(self.r)
+        cdef double[::1] view = errors
         self.write_errors()
         for i in range(self.r):
-            own[i] = self.error(i)
-        return found
+            view[i] = self.error(i)
+        return errors
 
     cdef double error(self, Py_ssize_t i) noexcept:
         """Error in position of a row of R, after :meth:`write_errors`."""
@@ -382,15 +382,15 @@ cdef class LoopStage:
         cdef int c
         cdef Latch latch
         cdef double[::1] every = self.every_error
-        for each in self.places:
-            if isinstance(each, JointRow):
-                every[(<JointRow>each).start] = (<JointRow>each).error()
+        for source in self.places:
+            if isinstance(source, JointRow):
+                every[(<JointRow>source).start] = (<JointRow>source).error()
                 continue
-            if not isinstance(each, Latch):
-                of_source, k = each
+            if not isinstance(source, Latch):
+                of_source, k = source
                 every.base[k : k + of_source.count] = of_source.errors()
                 continue
-            latch = <Latch>each
+            latch = <Latch>source
             n = latch.count
             self.point(latch, place)
             turned(&self.xmat[latch.first, 0], &latch.point_in_first[0], offset)
@@ -422,7 +422,7 @@ cdef class LoopStage:
         self.write_errors()
         self.evaluate()
         for i in range(self.r):
-            rate[0] = max(rate[0], fabs(self.product(&self.qvel[0], &self.own_R[i, 0])))
+            rate[0] = max(rate[0], fabs(self.product(&self.qvel[0], &self.R_view[i, 0])))
             gap[0] = max(gap[0], fabs(self.error(i)))
         return 0
 
@@ -432,19 +432,19 @@ cdef class LoopStage:
         cdef double total
         self.evaluate()
         for i in range(self.r):
-            total = self.own_gamma[i]
+            total = self.gamma_view[i]
             for j in range(self.nv):
-                total += self.own_response[i, j] * force[j]
+                total += self.response_view[i, j] * force[j]
             for j in range(i):
-                total -= self.own_factor[i, j] * self.own_y[j]
-            self.own_y[i] = total / self.own_factor[i, i]
+                total -= self.factor_view[i, j] * self.y_view[j]
+            self.y_view[i] = total / self.factor_view[i, i]
         for i in range(self.r - 1, -1, -1):
-            total = self.own_y[i]
+            total = self.y_view[i]
             for j in range(i + 1, self.r):
-                total -= self.own_factor[j, i] * self.own_y[j]
-            self.own_y[i] = total / self.own_factor[i, i]
+                total -= self.factor_view[j, i] * self.y_view[j]
+            self.y_view[i] = total / self.factor_view[i, i]
         for i in range(self.r):
-            self.own_y[i] = -self.own_y[i]
+            self.y_view[i] = -self.y_view[i]
         return 0
 
     cdef double force_along(self, Py_ssize_t k) noexcept:
@@ -452,7 +452,7 @@ cdef class LoopStage:
         cdef Py_ssize_t i
         cdef double total = 0.0
         for i in range(self.r):
-            total += self.own_y[i] * self.T[i, k]
+            total += self.y_view[i] * self.T[i, k]
         return total
 
     cdef int write_loads(self, const Py_ssize_t[::1] counts, double* loads) except -1:
@@ -486,16 +486,16 @@ cdef class LoopStage:
         cdef Py_ssize_t i, j
         for i in range(self.r):
             for j in range(self.columns.shape[0]):
-                generalised[self.columns[j]] += self.own_y[i] * self.own_R[i, self.columns[j]]
+                generalised[self.columns[j]] += self.y_view[i] * self.R_view[i, self.columns[j]]
 
     def generalised(self, force):
         """Generalised forces of the rows under all other forces, (nv,)."""
-        cdef const double[::1] given = np.ascontiguousarray(force)
-        found = np.zeros(self.nv)
-        cdef double[::1] generalised = found
-        self.solve(&given[0])
+        cdef const double[::1] contiguous = np.ascontiguousarray(force)
+        accelerations = np.zeros(self.nv)
+        cdef double[::1] generalised = accelerations
+        self.solve(&contiguous[0])
         self.add_to(&generalised[0])
-        return found
+        return accelerations
 
     cpdef int push(self) except -1:
         """Add the generalised forces of the rows to ``data.qfrc_applied``."""

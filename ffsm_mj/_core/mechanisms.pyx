@@ -72,9 +72,9 @@ cdef class LoadSample(OnSample):
     cdef int sample(self, double time_s) except -1:
         cdef LoopStage rows = self.smooth.motion.loops.evaluated()
         self.applied[:] = 0.0
-        for each in self.others:
-            if each.active and each.pushes:
-                each.add_forces(self.pushes)
+        for other in self.others:
+            if other.active and other.pushes:
+                other.add_forces(self.pushes)
         self.smooth.write_force(&self.applied[0], &self.force[0])
         rows.solve(&self.force[0])
         return rows.write_loads(self.counts, &self.loads[0])

@@ -20,7 +20,7 @@ cdef class OutputLaw:
     cdef TipKinematics kinematics
     cdef const double[:, ::1] driven
     cdef double[:, ::1] gains, rows, damped
-    cdef double[::1] qvel, bias, passive, u, told, extremes, lengths
+    cdef double[::1] qvel, bias, passive, u, figures, extremes, lengths
     cdef bint whole_stack
     cdef double damping
 

@@ -179,7 +179,7 @@ cdef class OutputLaw:
         self.rows, self.lengths = np.zeros((p, len(self.effort))), np.zeros(p)
         self.damped = np.zeros((2, len(self.effort)))
         self.report = self.begin(axes, target_m)
-        self.u, self.told = self.effort, self.report
+        self.u, self.figures = self.effort, self.report
 
     cpdef int tick(self) except -1:
         """Compute ``effort`` and ``report`` at the current state.
@@ -216,7 +216,7 @@ cdef class OutputLaw:
                     self.damped[1, k] -= self.rows[i, k] * felt
             for k in range(n):
                 self.u[k] -= self.damped[1, k]
-        note(self.extremes, self.told)
+        note(self.extremes, self.figures)
 
     cdef double decompose(self) noexcept:
         """Compute an orthonormal basis of the rows of alpha M_c^-1; returns the smallest singular value."""
@@ -297,8 +297,8 @@ cdef class PlanarLaw(OutputLaw):
         )
         for i in range(n):
             self.u[i] = self.gains[n + i, 0] * w[0] + self.gains[n + i, 1] * w[1]
-        self.told[0], self.told[1] = hypot(error[0], error[1]), residual
-        self.told[2], self.told[3] = fallback, sqrt(smallest if smallest > 0.0 else 0.0)
+        self.figures[0], self.figures[1] = hypot(error[0], error[1]), residual
+        self.figures[2], self.figures[3] = fallback, sqrt(smallest if smallest > 0.0 else 0.0)
         if self.damping > 0.0:
             self.decompose()
         self.finish()
@@ -346,8 +346,8 @@ cdef class BlockLaw(OutputLaw):
                 self.u[k] += self.gains[n + k, i] * asked
             distance += (self.y[i] - self.target[i]) ** 2
         smallest = self.decompose()
-        self.told[0], self.told[1], self.told[2] = sqrt(distance), residual, riccati.doublings
-        self.told[3], self.told[4] = riccati.corrections, smallest
+        self.figures[0], self.figures[1], self.figures[2] = sqrt(distance), residual, riccati.doublings
+        self.figures[3], self.figures[4] = riccati.corrections, smallest
         self.finish()
         return 0
 
@@ -391,7 +391,7 @@ cdef class CommandingLaw(TickLaw):
         telemetry,
         before=None,
     ):
-        if not len(actuators) == len(law.u) or not len(places) == len(law.told) or len(effort) != len(powered):
+        if not len(actuators) == len(law.u) or not len(places) == len(law.figures) or len(effort) != len(powered):
             raise ValueError(f"{len(actuators)} actuators and {len(places)} places do not fit the law")
         for index, room in ((actuators, effort), (places, telemetry)):
             if len(index) and not 0 <= min(index) <= max(index) < len(room):
@@ -413,5 +413,5 @@ cdef class CommandingLaw(TickLaw):
         for i in range(self.actuators.shape[0]):
             self.effort[self.actuators[i]], self.powered[self.actuators[i]] = self.law.u[i], True
         for i in range(self.places.shape[0]):
-            self.telemetry[self.places[i]] = self.law.told[i]
+            self.telemetry[self.places[i]] = self.law.figures[i]
         return limits.apply()

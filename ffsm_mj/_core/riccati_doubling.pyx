@@ -105,12 +105,12 @@ cdef bint eliminate(double* a, Py_ssize_t n, Py_ssize_t wide) noexcept nogil:
 
 cdef double greatest(const double* a, Py_ssize_t count) noexcept nogil:
     """Largest magnitude of an entry; NaN if an entry is NaN."""
-    cdef double found = 0.0
+    cdef double largest = 0.0
     cdef Py_ssize_t i
     for i in range(count):
-        if not fabs(a[i]) <= found:
-            found = fabs(a[i])
-    return found
+        if not fabs(a[i]) <= largest:
+            largest = fabs(a[i])
+    return largest
 
 
 cdef class Doubling:

@@ -56,10 +56,10 @@ cdef class PlanarRiccati:
         Raises:
             StateError: It does not fit.
         """
-        told = entries(state, ("solutions", "warm"), "PlanarRiccati")
-        solutions = fitting(told["solutions"], (3, 2, 4), "PlanarRiccati.solutions").tolist()
+        values = entries(state, ("solutions", "warm"), "PlanarRiccati")
+        solutions = fitting(values["solutions"], (3, 2, 4), "PlanarRiccati.solutions").tolist()
         self._first, self._second, self._third = [tuple(map(tuple, blocks)) for blocks in solutions]
-        self._warm = told["warm"]
+        self._warm = values["warm"]
 
     @cython.locals(Q=weight_t, blocks=blocks_t, rough=blocks_t, left=double, rough_left=double)
     cpdef (blocks_t, double, bint) solve(self, matrix_t A21, matrix_t A22, pair_t S, pair_t axes):

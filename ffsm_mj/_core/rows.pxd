@@ -23,7 +23,7 @@ cdef class RowMemory:
 
     cdef bint moves(self, Py_ssize_t i) noexcept
     cdef void renew(self) noexcept
-    cdef void accelerate(self, const double* force, double* found) noexcept
+    cdef void accelerate(self, const double* force, double* out) noexcept
     cdef double velocity(self, Py_ssize_t i) noexcept
     cdef double inverse_mass(self, Py_ssize_t i) noexcept
     cdef double* delassus(self) except NULL
@@ -47,7 +47,7 @@ cdef class RowEvaluator:
     cdef object motion
     cdef Py_ssize_t k, nv, bodies
     cdef double[:, ::1] chains, screws, screw_rates, velocities, centres
-    cdef double[:, ::1] own, responses  # rows of the twists of all pairs, then of the limits, and these times M^-1
+    cdef double[:, ::1] jacobian, responses  # rows of the twists of all pairs, then of the limits, and these times M^-1
     cdef Py_ssize_t[:, ::1] pairs
     cdef double[::1] rates
     cdef Py_ssize_t[::1] ids, roots
@@ -56,18 +56,18 @@ cdef class RowEvaluator:
 
     cdef int evaluate_twists(self) except -1
     cdef int evaluate_pairs(self) except -1
-    cdef int combine(self, RowMemory own) except -1
+    cdef int combine(self, RowMemory memory) except -1
     cdef object twist(self, Py_ssize_t body)
     cdef list states(self)
     cdef object state(self, Group group)
     cdef list groups_in_memory(self)
     cdef RowMemory empty(self)
-    cdef int evaluate(self, list states, RowMemory own) except -1
-    cdef int write_wrenches(self, list states, RowMemory own) except -1
-    cdef int write_group(self, Group group, state, RowMemory own) except -1
+    cdef int evaluate(self, list states, RowMemory memory) except -1
+    cdef int write_wrenches(self, list states, RowMemory memory) except -1
+    cdef int write_group(self, Group group, state, RowMemory memory) except -1
     cdef int other_rows(self, Group group, state, axes, wrenches, gamma) except -1
 
 cdef int write_scales(list groups, double* scales) except -1
-cdef int write_rounding(list groups, RowMemory own, const double* force, double* found) except -1
-cdef int find_extremes(list groups, double* found) except -1
-cdef int sum_up(list groups, Py_ssize_t start, Py_ssize_t stop, const double* forces, double* found) except -1
+cdef int write_rounding(list groups, RowMemory memory, const double* force, double* out) except -1
+cdef int find_extremes(list groups, double* out) except -1
+cdef int sum_up(list groups, Py_ssize_t start, Py_ssize_t stop, const double* forces, double* out) except -1

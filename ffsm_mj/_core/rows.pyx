@@ -86,12 +86,12 @@ cdef class RowMemory:
 
     def resultants(self, const double[:] forces not None):
         """The same as a table, (g, 6)."""
-        cdef double[::1] given = np.ascontiguousarray(forces)
-        cdef double[:, ::1] found
+        cdef double[::1] along = np.ascontiguousarray(forces)
+        cdef double[:, ::1] resultants
         table = np.empty((len(self.counts), 6))
-        found = table
+        resultants = table
         if self.rows:
-            self.write_resultants(&given[0], &found[0, 0])
+            self.write_resultants(&along[0], &resultants[0, 0])
         return table
 
     cdef void renew(self) noexcept:
@@ -123,7 +123,7 @@ cdef class RowMemory:
                     G[i * rows + j] = G[j * rows + i] = total
         return self.G
 
-    cdef void accelerate(self, const double* force, double* found) noexcept:
+    cdef void accelerate(self, const double* force, double* out) noexcept:
         """Write the accelerations along the rows under a generalised force, m/s^2, (m,)."""
         cdef Py_ssize_t i, d
         cdef double total
@@ -133,7 +133,7 @@ cdef class RowMemory:
             if self.moves(i):
                 for d in range(self.nv):
                     total += response[d] * force[d]
-            found[i] = total
+            out[i] = total
 
     cdef double velocity(self, Py_ssize_t i) noexcept:
         """Velocity along a row, m/s."""
@@ -207,48 +207,48 @@ cdef int write_scales(list groups, double* scales) except -1:
     return 0
 
 
-cdef int write_rounding(list groups, RowMemory own, const double* force, double* found) except -1:
+cdef int write_rounding(list groups, RowMemory memory, const double* force, double* out) except -1:
     """Write the rounding of the accelerations of each point under a generalised force, m/s^2."""
-    cdef Py_ssize_t p, j, d, nv = own.nv
-    cdef const double* responses = own.response
+    cdef Py_ssize_t p, j, d, nv = memory.nv
+    cdef const double* responses = memory.response
     cdef const double* response
     cdef const double[:, ::1] unclosed
     cdef double most
-    if own.unclosed is not None and own.rows and nv:
-        unclosed = own.unclosed
+    if memory.unclosed is not None and memory.rows and nv:
+        unclosed = memory.unclosed
         responses = &unclosed[0, 0]
-    write_scales(groups, found)
-    for p in range(own.points):
-        most = found[p]
-        for j in range(3 * p, 3 * p + (3 if own.rubs[p] else 1)):
-            most, response = max(most, fabs(own.gamma[j])), responses + j * nv
+    write_scales(groups, out)
+    for p in range(memory.points):
+        most = out[p]
+        for j in range(3 * p, 3 * p + (3 if memory.rubs[p] else 1)):
+            most, response = max(most, fabs(memory.gamma[j])), responses + j * nv
             for d in range(nv):
                 most = max(most, fabs(response[d] * force[d]))
-        found[p] = _ACCELERATION_M_S2 + _ACCELERATION * most
+        out[p] = _ACCELERATION_M_S2 + _ACCELERATION * most
     return 0
 
 
-cdef int find_extremes(list groups, double* found) except -1:
+cdef int find_extremes(list groups, double* out) except -1:
     """Write the extremes over the points of some groups: inside, gap, rate, lowest; see ``Extremes``."""
-    found[0], found[1], found[2], found[3] = INFINITY, 0.0, 0.0, INFINITY
+    out[0], out[1], out[2], out[3] = INFINITY, 0.0, 0.0, INFINITY
     for state in groups:
         if isinstance(state, FaceState):
-            (<FaceState>state).find_extremes(found, found + 1, found + 2, found + 3)
+            (<FaceState>state).find_extremes(out, out + 1, out + 2, out + 3)
         else:
-            found[0], found[3] = min(found[0], <double>min(state.insides)), min(found[3], <double>min(state.gaps))
-            found[1] = max(found[1], <double>max(map(abs, state.gaps)))
-            found[2] = max(found[2], <double>max(map(abs, state.rates)))
+            out[0], out[3] = min(out[0], <double>min(state.insides)), min(out[3], <double>min(state.gaps))
+            out[1] = max(out[1], <double>max(map(abs, state.gaps)))
+            out[2] = max(out[2], <double>max(map(abs, state.rates)))
     return 0
 
 
 cdef object extremes_of(list groups):
     """Extremes over the points of some groups."""
-    cdef double[4] found
-    find_extremes(groups, found)
-    return Extremes(found[0], found[1], found[2], found[3])
+    cdef double[4] extremes
+    find_extremes(groups, extremes)
+    return Extremes(extremes[0], extremes[1], extremes[2], extremes[3])
 
 
-cdef int sum_up(list groups, Py_ssize_t start, Py_ssize_t stop, const double* forces, double* found) except -1:
+cdef int sum_up(list groups, Py_ssize_t start, Py_ssize_t stop, const double* forces, double* out) except -1:
     """Add up the points of one pair: force, centre, and mean normal, which is not normalised; (3, 3) zeros before."""
     cdef Py_ssize_t p, at = 0
     cdef double total = 0.0
@@ -258,11 +258,11 @@ cdef int sum_up(list groups, Py_ssize_t start, Py_ssize_t stop, const double* fo
     for state in groups:
         if start <= at < stop:
             if isinstance(state, FaceState):
-                (<FaceState>state).add_resultant(forces, at, total, stop - start, found)
+                (<FaceState>state).add_resultant(forces, at, total, stop - start, out)
             else:
                 normals, points = np.array(state.normals), np.array(state.points)
                 for p in range(points.shape[0]):
-                    add_point(&normals[p, 0], &points[p, 0], forces[at + p], total, stop - start, found)
+                    add_point(&normals[p, 0], &points[p, 0], forces[at + p], total, stop - start, out)
         at += state.count
     return 0
 
@@ -274,17 +274,17 @@ cdef object resultant_of(list groups, part, const double[:] forces, friction):
     cdef int i
     cdef double length
     vectors = np.zeros((3, 3))
-    cdef double[:, ::1] found = vectors  # force, centre, normal
+    cdef double[:, ::1] sums = vectors  # force, centre, normal
     cdef const double[::1] along = np.ascontiguousarray(forces)
-    sum_up(groups, start, stop, &along[0], &found[0, 0])
+    sum_up(groups, start, stop, &along[0], &sums[0, 0])
     if friction is not None:
         across = friction
         for p in range(start, stop):
             for i in range(3):
-                found[0, i] += across[p, i]
-    length = sqrt(found[2, 0] * found[2, 0] + found[2, 1] * found[2, 1] + found[2, 2] * found[2, 2])
+                sums[0, i] += across[p, i]
+    length = sqrt(sums[2, 0] * sums[2, 0] + sums[2, 1] * sums[2, 1] + sums[2, 2] * sums[2, 2])
     for i in range(3):
-        found[2, i] /= length if length > 0.0 and stop - start > 1 else 1.0
+        sums[2, i] /= length if length > 0.0 and stop - start > 1 else 1.0
     return vectors[0], vectors[1], vectors[2]
 
 
@@ -299,28 +299,28 @@ class RowsInMemory(PointRows):
 
     def largest_slip(self, which):
         """Largest slip of some points along a tangent, m/s; which, (k,)."""
-        cdef RowMemory own = self.memory
+        cdef RowMemory memory = self.memory
         cdef const unsigned char[::1] chosen = which.view(np.uint8)
         cdef Py_ssize_t p
         cdef double most = 0.0
-        for p in range(own.points):
-            if chosen[p] and own.rubs[p]:
-                most = max(most, max(fabs(own.velocity(3 * p + 1)), fabs(own.velocity(3 * p + 2))))
+        for p in range(memory.points):
+            if chosen[p] and memory.rubs[p]:
+                most = max(most, max(fabs(memory.velocity(3 * p + 1)), fabs(memory.velocity(3 * p + 2))))
         return most
 
     def across(self, components):
         """Vectors with given components along the tangents of each point, world axes, (k, 3)."""
-        cdef const double[:, :] given = components
-        cdef RowMemory own = self.memory
+        cdef const double[:, :] lengths = components
+        cdef RowMemory memory = self.memory
         cdef const double* axes
         cdef Py_ssize_t p
         cdef int i
-        vectors = np.empty((own.points, 3))
-        cdef double[:, ::1] found = vectors
-        for p in range(own.points):
-            axes = own.axes + 9 * p
+        vectors = np.empty((memory.points, 3))
+        cdef double[:, ::1] slips = vectors
+        for p in range(memory.points):
+            axes = memory.axes + 9 * p
             for i in range(3):
-                found[p, i] = given[p, 0] * axes[3 + i] + given[p, 1] * axes[6 + i]
+                slips[p, i] = lengths[p, 0] * axes[3 + i] + lengths[p, 1] * axes[6 + i]
         return vectors
 
 
@@ -349,7 +349,7 @@ cdef class RowEvaluator:
         for places in runs:
             alike, pair, group = contact_points[places], contact_points[places.start].pair, Group()
             in_patch, both = pair in patches, (motion.bodies[pair.body_b], motion.bodies[pair.body_a])
-            features = [each.feature for each in alike]
+            features = [contact.feature for contact in alike]
             if len(alike) > 1 or (isinstance(features[0], PointOnFace) and not in_patch):
                 group.on_face = FaceGroup(features, data, in_patch=in_patch)
             else:
@@ -360,7 +360,7 @@ cdef class RowEvaluator:
             group.pair = pairs.setdefault((group.b, group.a), len(pairs))
             self.groups.append(group)
         self.counts = tuple([3 * len(contact_points[run]) for run in runs])
-        self.rubs = bytes([each.pair.mu > 0.0 for each in contact_points])
+        self.rubs = bytes([contact.pair.mu > 0.0 for contact in contact_points])
         self.pairs = np.array(list(pairs), dtype=np.intp).reshape(-1, 2)
         self.bodies = len(bodies)
         self.memory = np.zeros((len(bodies) + 1, sizeof(Twist) // sizeof(double)))
@@ -370,14 +370,14 @@ cdef class RowEvaluator:
         self.rates, self.velocities, self.centres = motion.data.qvel, motion.data.cvel, motion.data.subtree_com
         self.ids = np.array([*bodies], dtype=np.intp)
         self.roots = np.array([int(model.body_rootid[body]) for body in bodies], dtype=np.intp)
-        limits = {i: each.pair for i, each in enumerate(contact_points) if isinstance(each.pair, JointLimit)}
+        limits = {i: contact.pair for i, contact in enumerate(contact_points) if isinstance(contact.pair, JointLimit)}
         self.at_limits = list(limits)
         self.limits = [(i, row) for row, i in enumerate(limits, 6 * len(pairs))]
-        own = np.zeros((6 * len(pairs) + len(limits) + 1, self.nv))  # one more: no array is empty
+        jacobian = np.zeros((6 * len(pairs) + len(limits) + 1, self.nv))  # one more: no array is empty
         for (_, row), limit in zip(self.limits, limits.values()):
-            own[row] = limit.row(motion.model, motion.data, motion.dofs)
-        self.own, self.responses = own, np.zeros_like(own)
-        self.moving = [(own[row], limit, motion) for (_, row), limit in zip(self.limits, limits.values()) if limit.moves]
+            jacobian[row] = limit.row(motion.model, motion.data, motion.dofs)
+        self.jacobian, self.responses = jacobian, np.zeros_like(jacobian)
+        self.moving = [(jacobian[row], limit, motion) for (_, row), limit in zip(self.limits, limits.values()) if limit.moves]
 
     cdef int evaluate_twists(self) except -1:
         cdef Py_ssize_t body, dof
@@ -404,7 +404,7 @@ cdef class RowEvaluator:
         """Rows of the twist of b relative to a, about the centre of b, for each pair, and these times M^-1."""
         cdef Py_ssize_t p, dof, n = self.nv
         cdef int i
-        cdef double own, other
+        cdef double one, other
         cdef double[3] offset
         cdef const double* screw
         cdef double* row
@@ -412,21 +412,21 @@ cdef class RowEvaluator:
             for i in range(3):
                 offset[i] = self.twists[self.pairs[p, 0]].centre[i] - self.twists[self.pairs[p, 1]].centre[i]
             for dof in range(n):
-                own, other = self.chains[self.pairs[p, 0], dof], self.chains[self.pairs[p, 1], dof]
-                screw, row = &self.screws[dof, 0], &self.own[6 * p, dof]
+                one, other = self.chains[self.pairs[p, 0], dof], self.chains[self.pairs[p, 1], dof]
+                screw, row = &self.screws[dof, 0], &self.jacobian[6 * p, dof]
                 for i in range(6):
-                    row[i * n] = (own - other) * screw[i]
+                    row[i * n] = (one - other) * screw[i]
                 if other != 0.0:
                     row[3 * n] -= screw[1] * offset[2] - screw[2] * offset[1]
                     row[4 * n] -= screw[2] * offset[0] - screw[0] * offset[2]
                     row[5 * n] -= screw[0] * offset[1] - screw[1] * offset[0]
         for line, limit, motion in self.moving:
             line[:] = limit.row(motion.model, motion.data, motion.dofs)
-        if self.own.shape[0] > 1:
-            mj.solveM(self.m, self.d, &self.responses[0, 0], &self.own[0, 0], <int>(self.own.shape[0] - 1))
+        if self.jacobian.shape[0] > 1:
+            mj.solveM(self.m, self.d, &self.responses[0, 0], &self.jacobian[0, 0], <int>(self.jacobian.shape[0] - 1))
         return 0
 
-    cdef int combine(self, RowMemory own) except -1:
+    cdef int combine(self, RowMemory memory) except -1:
         """Write J and J M^-1 of all points."""
         cdef Group group
         cdef Py_ssize_t i, d, at, row, n = self.nv
@@ -438,21 +438,21 @@ cdef class RowEvaluator:
         cdef double* answers
         for group in self.groups:
             for i in range(3 * group.start, 3 * (group.start + group.count)):
-                if not own.moves(i):
+                if not memory.moves(i):
                     continue
-                J, answers = own.J + i * n, own.response + i * n
+                J, answers = memory.J + i * n, memory.response + i * n
                 for j in range(6):
-                    share = own.wrenches[6 * i + j]
+                    share = memory.wrenches[6 * i + j]
                     if share != 0.0:
-                        twist, response = &self.own[6 * group.pair + j, 0], &self.responses[6 * group.pair + j, 0]
+                        twist, response = &self.jacobian[6 * group.pair + j, 0], &self.responses[6 * group.pair + j, 0]
                         for d in range(n):
                             J[d] += share * twist[d]
                         for d in range(n):
                             answers[d] += share * response[d]
         for at, row in self.limits:
             for d in range(n):
-                own.J[3 * at * n + d] = self.own[row, d]
-                own.response[3 * at * n + d] = self.responses[row, d]
+                memory.J[3 * at * n + d] = self.jacobian[row, d]
+                memory.response[3 * at * n + d] = self.responses[row, d]
         return 0
 
     cdef object twist(self, Py_ssize_t body):
@@ -477,7 +477,7 @@ cdef class RowEvaluator:
     cdef list groups_in_memory(self):
         """Points of all groups, to be evaluated state by state; None for joint limits, or if other features are among them."""
         cdef Group group
-        if any([(<Group>each).on_face is None and not (<Group>each).is_limit for each in self.groups]):
+        if any([(<Group>group).on_face is None and not (<Group>group).is_limit for group in self.groups]):
             return None
         return [None if group.is_limit else group.on_face.at_state(&self.twists[group.b], &self.twists[group.a]) for group in self.groups]
 
@@ -485,7 +485,7 @@ cdef class RowEvaluator:
         """Memory for the rows."""
         return RowMemory(self.counts, self.rubs, self.nv)
 
-    cdef int evaluate(self, list states, RowMemory own) except -1:
+    cdef int evaluate(self, list states, RowMemory memory) except -1:
         """Evaluate points of :meth:`groups_in_memory` and their wrench rows at the current state; mass matrix factored.
 
         :meth:`combine` completes the rows.
@@ -496,32 +496,32 @@ cdef class RowEvaluator:
         for group, state in zip(self.groups, states):
             if state is not None:
                 (<FaceState>state).move(&self.twists[group.b], &self.twists[group.a])
-        own.renew()
-        return self.write_wrenches(states, own)
+        memory.renew()
+        return self.write_wrenches(states, memory)
 
-    cdef int write_wrenches(self, list states, RowMemory own) except -1:
+    cdef int write_wrenches(self, list states, RowMemory memory) except -1:
         """Write the wrench rows of the points, their centres and gamma."""
         cdef Group group
         cdef Py_ssize_t g, d
         for g in range(len(states)):
             group, state = self.groups[g], states[g]
             for d in range(3):
-                own.centres[3 * g + d] = self.twists[group.b].centre[d]
+                memory.centres[3 * g + d] = self.twists[group.b].centre[d]
             if state is not None:
-                self.write_group(group, state, own)
+                self.write_group(group, state, memory)
         for d in range(self.nv):
-            own.qvel[d] = self.rates[d]
+            memory.qvel[d] = self.rates[d]
         return 0
 
-    cdef int write_group(self, Group group, state, RowMemory own) except -1:
+    cdef int write_group(self, Group group, state, RowMemory memory) except -1:
         cdef Py_ssize_t p
         cdef int i
         cdef double[3] normal
         cdef double[6] across
-        cdef double* rows = own.wrenches + 18 * group.start
-        cdef double* gamma = own.gamma + 3 * group.start
+        cdef double* rows = memory.wrenches + 18 * group.start
+        cdef double* gamma = memory.gamma + 3 * group.start
         if group.on_face is None:
-            return self.other_rows(group, state, own.array("axes"), own.array("wrenches"), own.array("gamma"))
+            return self.other_rows(group, state, memory.array("axes"), memory.array("wrenches"), memory.array("gamma"))
         (<FaceState>state).normal_rows(rows, gamma)
         (<FaceState>state).outward(normal)
         for i in range(6):
@@ -531,16 +531,16 @@ cdef class RowEvaluator:
             (<FaceState>state).tangential_rows(across, rows, gamma)
         for p in range(group.start, group.start + group.count):
             for i in range(3):
-                own.axes[9 * p + i], own.axes[9 * p + 3 + i], own.axes[9 * p + 6 + i] = normal[i], across[i], across[3 + i]
+                memory.axes[9 * p + i], memory.axes[9 * p + 3 + i], memory.axes[9 * p + 6 + i] = normal[i], across[i], across[3 + i]
         return 0
 
     def rows(self):
         """Rows of normals and tangents; positions and velocities current, mass matrix factored."""
-        cdef RowMemory own = self.empty()
+        cdef RowMemory memory = self.empty()
         cdef list states = self.states()
-        self.write_wrenches(states, own)
-        self.combine(own)
-        return RowsInMemory(states, own)
+        self.write_wrenches(states, memory)
+        self.combine(memory)
+        return RowsInMemory(states, memory)
 
     cdef int other_rows(self, Group group, state, axes, wrenches, gamma) except -1:
         """Rows of a single point of another feature, or of a joint limit."""

@@ -15,51 +15,51 @@ from ffsm_mj._core.contacts cimport ContactEvaluation, slips_along_a_line
 cdef double _DEVIATION_M_S = DEVIATION_M_S, _NEAR_STOP = NEAR_STOP, _STIFF = STIFF
 
 
-cdef bint allows_step(ContactEvaluation here, modes, double left_s, double time_s, efforts) except -1:
+cdef bint allows_step(ContactEvaluation evaluation, modes, double left_s, double time_s, efforts) except -1:
     """Whether no point limits a step, which may then be explicit; the layers of the points are then those of its start.
 
     Args:
-        here: The points, of which all with friction slide and go on to.
+        evaluation: The points, of which all with friction slide and go on to.
         modes: Their ``FrictionModes``, with the layers at the start of the step before.
         left_s: Duration of the step, s.
         time_s: Time at its start.
         efforts: Efforts in it, bit by bit.
     """
-    cdef const double* G = here.own.delassus()
-    cdef const double* forces = here.present_forces()
-    cdef double[:, ::1] found
+    cdef const double* G = evaluation.memory.delassus()
+    cdef const double* forces = evaluation.present_forces()
+    cdef double[:, ::1] layer
     cdef const double[::1] deviations, damping, speeds, strengths
-    cdef Py_ssize_t p, i, j, m = here.own.rows, count = 0
+    cdef Py_ssize_t p, i, j, m = evaluation.memory.rows, count = 0
     cdef double largest, k, r, along, across, deviation, left, slip
     cdef double[2] f
     cdef bint continues
     turning = []
-    for p in range(here.own.points):
-        if here.own.rubs[p] and not slips_along_a_line(G, m, p, &largest):
+    for p in range(evaluation.memory.points):
+        if evaluation.memory.rubs[p] and not slips_along_a_line(G, m, p, &largest):
             turning.append(p)
     if not turning:
         modes.layers = None
         return True
-    last, points = modes.layers, tuple([here.contact_points[p] for p in turning])
+    last, points = modes.layers, tuple([evaluation.contact_points[p] for p in turning])
     continues = last is not None and last.points == points and last.efforts == efforts
     if continues:
         deviations, damping, speeds, strengths = last.deviations, last.damping, last.speeds, last.strengths
     table = np.empty((4, len(turning)))
-    found = table
+    layer = table
     for i, p in enumerate(turning):
         for j in range(2):
-            f[j] = product(G + (3 * p + 1 + j) * m, forces, m) + here.b[3 * p + 1 + j]
+            f[j] = product(G + (3 * p + 1 + j) * m, forces, m) + evaluation.b[3 * p + 1 + j]
         slips_along_a_line(G, m, p, &largest)
-        r = here.speeds[p]
-        k = here.mu[p] * max(forces[3 * p], 0.0) * largest
-        along = here.slips[2 * p] * f[0] + here.slips[2 * p + 1] * f[1]
-        across = fabs(here.slips[2 * p] * f[1] - here.slips[2 * p + 1] * f[0])
+        r = evaluation.speeds[p]
+        k = evaluation.mu[p] * max(forces[3 * p], 0.0) * largest
+        along = evaluation.slips[2 * p] * f[0] + evaluation.slips[2 * p + 1] * f[1]
+        across = fabs(evaluation.slips[2 * p] * f[1] - evaluation.slips[2 * p + 1] * f[0])
         deviation = r * min(1.0, across / max(k + fabs(along), DBL_MIN))
-        found[0, i], found[1, i], found[2, i], found[3, i] = deviation, 0.0, r, k
+        layer[0, i], layer[1, i], layer[2, i], layer[3, i] = deviation, 0.0, r, k
         if continues:
             slip = max(max(r, speeds[i]), DBL_MIN)
-            found[0, i], found[1, i] = deviations[i], damping[i] + strengths[i] * (time_s - last.time_s) / slip
-        left = min(deviation, found[0, i] * exp(-found[1, i]))
+            layer[0, i], layer[1, i] = deviations[i], damping[i] + strengths[i] * (time_s - last.time_s) / slip
+        left = min(deviation, layer[0, i] * exp(-layer[1, i]))
         if (
             not left <= _DEVIATION_M_S
             or (along < 0.0 and _DEVIATION_M_S < r < -_NEAR_STOP * left_s * along)

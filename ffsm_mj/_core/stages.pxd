@@ -7,7 +7,7 @@ cdef class Smooth:
     cdef object seen
     cdef const mjModel* m
     cdef mjData* d
-    cdef double[::1] qpos, qvel, ctrl, own_ctrl, act, passive, bias, actuator
+    cdef double[::1] qpos, qvel, ctrl, data_ctrl, act, passive, bias, actuator
     cdef double[::1] last_qpos, last_qvel, last_ctrl, last_pushes, last_act
     cdef object last_place, last_load, last_state
     cdef bint follows
@@ -25,14 +25,14 @@ cdef class StageInMemory:
     cdef bint slides
     cdef double* along
     cdef double* powers
-    cdef double* found
+    cdef double* wrenches
     # Heat of each point, W, and slip speed of each sliding one, m/s, (k,); only if a point slides with friction
     cdef double* heats
     cdef double* speeds
 
-    cdef void write_slide(self, RowMemory own, const unsigned char[::1] slides) noexcept
+    cdef void write_slide(self, RowMemory memory, const unsigned char[::1] slides) noexcept
 
 cdef StageInMemory new_stage(bytearray block, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint slides)
 cdef StageInMemory empty_stage(Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint slides)
-cdef int finish_stage(StageInMemory stage, RowMemory own, const double* qvel, const double* generalised) except -1
-cdef void generalise(const double* along, RowMemory own, double* generalised) noexcept
+cdef int finish_stage(StageInMemory stage, RowMemory memory, const double* qvel, const double* generalised) except -1
+cdef void generalise(const double* along, RowMemory memory, double* generalised) noexcept

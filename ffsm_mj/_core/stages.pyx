@@ -46,12 +46,12 @@ cdef class Smooth:
         data = motion.data
         self.seen = seen
         self.motion, self.m, self.d = motion, <const mjModel*>address(motion.model), <mjData*>address(data)
-        self.qpos, self.qvel, self.ctrl, self.own_ctrl = data.qpos, data.qvel, seen.ctrl, data.ctrl
+        self.qpos, self.qvel, self.ctrl, self.data_ctrl = data.qpos, data.qvel, seen.ctrl, data.ctrl
         self.passive, self.bias, self.actuator = data.qfrc_passive, data.qfrc_bias, data.qfrc_actuator
         self.follows, self.act = data is not seen, data.act
         # No state is the last one yet: NaN has many bit patterns, and the efforts of a run are not this one.
         self.last_qpos, self.last_qvel, self.last_ctrl, self.last_pushes, self.last_act = (
-            np.full(len(each), np.nan) for each in (data.qpos, data.qvel, seen.ctrl, data.qvel, data.act)
+            np.full(len(values), np.nan) for values in (data.qpos, data.qvel, seen.ctrl, data.qvel, data.act)
         )
         self.last_place, self.last_load = copied(self.qpos), copied(self.qvel)
 
@@ -88,7 +88,7 @@ cdef class Smooth:
     cdef void write_force(self, const double* pushes, double* force) noexcept:
         cdef Py_ssize_t i
         if self.follows:
-            self.own_ctrl[:] = self.ctrl
+            self.data_ctrl[:] = self.ctrl
         mj.fwdActuation(self.m, self.d)
         for i in range(self.qvel.shape[0]):
             force[i] = self.passive[i] - self.bias[i] + self.actuator[i] + pushes[i]
@@ -121,14 +121,14 @@ cdef class StageInMemory:
         start, k = self.count + self.nv + 6 * self.groups, self.count // 3
         return Slide(*np.frombuffer(self.block)[start : start + 2 * k].reshape(2, k))
 
-    cdef void write_slide(self, RowMemory own, const unsigned char[::1] slides) noexcept:
+    cdef void write_slide(self, RowMemory memory, const unsigned char[::1] slides) noexcept:
         """Write heat and slip of the points; their velocities are those of the rows."""
         cdef Py_ssize_t p
         cdef double u, v
-        for p in range(own.points):
+        for p in range(memory.points):
             self.heats[p] = self.speeds[p] = 0.0
             if slides[p]:
-                u, v = own.velocity(3 * p + 1), own.velocity(3 * p + 2)
+                u, v = memory.velocity(3 * p + 1), memory.velocity(3 * p + 2)
                 self.heats[p] = -(self.along[3 * p + 1] * u + self.along[3 * p + 2] * v)
                 self.speeds[p] = hypot(u, v)
 
@@ -137,8 +137,8 @@ cdef StageInMemory new_stage(bytearray block, Py_ssize_t count, Py_ssize_t nv, P
     cdef StageInMemory stage = StageInMemory.__new__(StageInMemory)
     stage.block, stage.count, stage.nv, stage.groups = block, count, nv, groups
     stage.slides, stage.along = slides, numbers(block)
-    stage.powers, stage.found = stage.along + count, stage.along + count + nv
-    stage.heats = stage.found + 6 * groups
+    stage.powers, stage.wrenches = stage.along + count, stage.along + count + nv
+    stage.heats = stage.wrenches + 6 * groups
     stage.speeds = stage.heats + count // 3
     return stage
 
@@ -149,24 +149,24 @@ cdef StageInMemory empty_stage(Py_ssize_t count, Py_ssize_t nv, Py_ssize_t group
     return new_stage(zeros(size + 1), count, nv, groups, slides)
 
 
-cdef void generalise(const double* along, RowMemory own, double* generalised) noexcept:
+cdef void generalise(const double* along, RowMemory memory, double* generalised) noexcept:
     """Generalised forces, (nv,), of forces along rows."""
-    cdef Py_ssize_t i, d, nv = own.nv
+    cdef Py_ssize_t i, d, nv = memory.nv
     cdef const double* J
     memset(generalised, 0, nv * sizeof(double))
-    for i in range(own.rows):
+    for i in range(memory.rows):
         if along[i] != 0.0:
-            J = own.J + i * nv
+            J = memory.J + i * nv
             for d in range(nv):
                 generalised[d] += along[i] * J[d]
 
 
-cdef int finish_stage(StageInMemory stage, RowMemory own, const double* qvel, const double* generalised) except -1:
+cdef int finish_stage(StageInMemory stage, RowMemory memory, const double* qvel, const double* generalised) except -1:
     """Write power and wrenches of the forces of a stage."""
     cdef Py_ssize_t d
-    for d in range(own.nv):
+    for d in range(memory.nv):
         stage.powers[d] = generalised[d] * qvel[d]
-    return own.write_resultants(stage.along, stage.found)
+    return memory.write_resultants(stage.along, stage.wrenches)
 
 
 cdef class StageSums:
@@ -191,7 +191,7 @@ cdef class StageSums:
         for s in range(parts.shape[0]):
             if isinstance(stages[s], StageInMemory):
                 stage = stages[s]
-                self.add(parts[s], stage.powers, &work[0], nv, stage.found, &impulses[0, 0] if groups else NULL, groups)
+                self.add(parts[s], stage.powers, &work[0], nv, stage.wrenches, &impulses[0, 0] if groups else NULL, groups)
             else:
                 power, wrenches = stages[s].power, np.array(stages[s].wrenches, dtype=np.float64).reshape(-1, 6)
                 self.add(
@@ -229,8 +229,8 @@ cdef class StageSums:
         cdef const double[::1] work = self.work
         cdef const double[:, ::1] impulses = self.impulses
         cdef Py_ssize_t i, g
-        found = np.zeros(21)
-        cdef double[::1] sums = found
+        totals = np.zeros(21)
+        cdef double[::1] sums = totals
         for i in range(<Py_ssize_t>robot.start, <Py_ssize_t>robot.stop):
             sums[1] += work[i]
         sums[0], sums[2] = self.total, self.total - sums[1]
@@ -239,4 +239,4 @@ cdef class StageSums:
                 sums[3 + i] += from_robot[g] * impulses[g, i]
                 sums[9 + i] += outside[0, g] * impulses[g, i]
                 sums[15 + i] += outside[1, g] * impulses[g, i]
-        return Exchange(found[:3], found[3:9], found[9:].reshape(2, 6))
+        return Exchange(totals[:3], totals[3:9], totals[9:].reshape(2, 6))

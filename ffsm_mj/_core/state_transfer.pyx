@@ -70,45 +70,45 @@ cdef class StateTransfer:
         mj.fwdActuation(self.m, self.d)
 
     cdef int pose(self) except -1:
-        cdef double[::1] own = self.base_qpos
+        cdef double[::1] base = self.base_qpos
         cdef double[::1] q = self.quaternion
         cdef double sine = 0.0, cosine = 0.0, angle
-        cdef Py_ssize_t i, last = own.shape[0] - 1
+        cdef Py_ssize_t i, last = base.shape[0] - 1
         if self.free:
-            own[0], own[1], own[2] = self.position[0], self.position[1], self.position[2]
-            own[3], own[4], own[5], own[6] = q[0], q[1], q[2], q[3]
+            base[0], base[1], base[2] = self.position[0], self.position[1], self.position[2]
+            base[3], base[4], base[5], base[6] = q[0], q[1], q[2], q[3]
             return 0
         if not self.reads:
             self.placing.pose(self.position.base, self.quaternion.base)
             return 0
         for i in range(self.slides.shape[0]):
-            own[i] = self.slides[i, 0] + self.along(i, self.position[0], self.position[1], self.position[2])
+            base[i] = self.slides[i, 0] + self.along(i, self.position[0], self.position[1], self.position[2])
         if self.turns:
             for i in range(4):
                 sine += self.sine[i] * q[i]
                 cosine += self.cosine[i] * q[i]
             angle = self.zero + 2.0 * atan2(sine, cosine)
-            own[last] = angle + TURN * rint((own[last] - angle) / TURN)
+            base[last] = angle + TURN * rint((base[last] - angle) / TURN)
         return 0
 
     cdef double along(self, Py_ssize_t slide, double x, double y, double z) noexcept:
         return self.slides[slide, 1] * x + self.slides[slide, 2] * y + self.slides[slide, 3] * z
 
     cdef int rate(self) except -1:
-        cdef double[::1] own = self.base_qvel
+        cdef double[::1] base = self.base_qvel
         cdef double[::1] v = self.twist
         cdef double[::1] R = self.axes
         cdef Py_ssize_t i
         if self.free:
-            own[0], own[1], own[2] = v[3], v[4], v[5]
+            base[0], base[1], base[2] = v[3], v[4], v[5]
             for i in range(3):
-                own[3 + i] = R[i] * v[0] + R[3 + i] * v[1] + R[6 + i] * v[2]
+                base[3 + i] = R[i] * v[0] + R[3 + i] * v[1] + R[6 + i] * v[2]
             return 0
         if not self.reads:
             self.placing.rates(self.twist.base)
             return 0
         for i in range(self.slides.shape[0]):
-            own[i] = self.along(i, v[3], v[4], v[5])
+            base[i] = self.along(i, v[3], v[4], v[5])
         if self.turns:
-            own[own.shape[0] - 1] = self.axis[0] * v[0] + self.axis[1] * v[1] + self.axis[2] * v[2]
+            base[base.shape[0] - 1] = self.axis[0] * v[0] + self.axis[1] * v[1] + self.axis[2] * v[2]
         return 0

@@ -22,9 +22,9 @@ cdef class RuleColumns:
     ) except -1
     cdef void clear(self) noexcept
     cdef void finish(self) noexcept
-    cdef void add_pair(self, Py_ssize_t i, const double* found) noexcept
+    cdef void add_pair(self, Py_ssize_t i, const double* out) noexcept
     cdef void add_friction(
-        self, Py_ssize_t i, const double* axes, const double* forces, const double* use, const double* speeds, double* found
+        self, Py_ssize_t i, const double* axes, const double* forces, const double* use, const double* speeds, double* out
     ) noexcept
     cdef double add_slide(self, double part, StageInMemory stage) noexcept
     cdef void add_impulses(self, double part, const double* wrenches) noexcept
@@ -41,7 +41,7 @@ cdef class SteadyContacts(SteadyForces):
     cdef StuckPatches patches
     cdef object data, pushes
     cdef double[::1] applied, other, sums, deepest, heat_J
-    cdef bytearray memory
+    cdef bytearray block
     cdef double* normal_forces
     cdef double* use
     cdef RuleColumns columns
@@ -51,9 +51,9 @@ cdef class SteadyContacts(SteadyForces):
     cdef const double[::1] mu
     # State seen last
     cdef object place, state, rows
-    cdef RowMemory own
+    cdef RowMemory memory
     cdef list groups
-    cdef ContactEvaluation here
+    cdef ContactEvaluation evaluation
     cdef double[4] extremes
     cdef double lowest
     cdef bint is_steady, is_reduced

@@ -64,11 +64,11 @@ cdef class RuleColumns:
     def __init__(self, by_pair, shares, tables):
         """Find the points, groups of points and rows of each pair."""
         cdef Py_ssize_t at = 0, i
-        groups = {pair: each for pair, each, _ in shares.pairs}
+        groups = {pair: places for pair, places, _ in shares.pairs}
         self.values, rows, self.friction_values, friction_rows, self.work_J = tables
         self.parts = np.empty((len(by_pair), 6), dtype=np.intp)
-        for i, (pair, own) in enumerate(by_pair.items()):
-            self.parts[i, START], at = at, at + <Py_ssize_t>len(own)
+        for i, (pair, memory) in enumerate(by_pair.items()):
+            self.parts[i, START], at = at, at + <Py_ssize_t>len(memory)
             self.parts[i, STOP], self.parts[i, ROW] = at, rows[pair.rule]
             self.parts[i, FRICTION_ROW] = friction_rows[pair.rule] if pair.mu > 0.0 else -1
             self.parts[i, GROUP], self.parts[i, LAST_GROUP] = min(groups[pair]), max(groups[pair]) + 1
@@ -93,15 +93,15 @@ cdef class RuleColumns:
             speeds: Slip speed of each point, m/s; NULL: none slides.
         """
         cdef Py_ssize_t i
-        cdef double[9] found
+        cdef double[9] out
         self.clear()
         self.mode = _STICKING if speeds == NULL else _SLIDING
         for i in range(self.parts.shape[0]):
-            memset(found, 0, sizeof(found))
-            sum_up(groups, self.parts[i, START], self.parts[i, STOP], normal_forces, found)
+            memset(out, 0, sizeof(out))
+            sum_up(groups, self.parts[i, START], self.parts[i, STOP], normal_forces, out)
             if self.parts[i, FRICTION_ROW] >= 0:
-                self.add_friction(i, axes, forces, use, speeds, found)
-            self.add_pair(i, found)
+                self.add_friction(i, axes, forces, use, speeds, out)
+            self.add_pair(i, out)
         self.finish()
         return 0
 
@@ -126,26 +126,26 @@ cdef class RuleColumns:
                 for j in range(3):
                     values[CENTRE + j] /= values[SIZE]
 
-    cdef void add_pair(self, Py_ssize_t i, const double* found) noexcept:
+    cdef void add_pair(self, Py_ssize_t i, const double* out) noexcept:
         """Add a pair, with its force and centre, to its rule: of several, centres are weighted by the sizes of the forces."""
         cdef double* values = &self.values[self.parts[i, ROW], 0]
         cdef Py_ssize_t points = self.parts[i, STOP] - self.parts[i, START]
-        cdef double size = norm(found)
+        cdef double size = norm(out)
         cdef int j
         if values[PAIRS] == 0.0:
             values[MODE] = self.mode if self.parts[i, FRICTION_ROW] >= 0 else _PRESSING
             values[PAIRS], values[POINTS], values[SIZE] = 1.0, points, size
-            memcpy(values + FORCE, found, 6 * sizeof(double))
+            memcpy(values + FORCE, out, 6 * sizeof(double))
             return
         for j in range(3):
             if values[PAIRS] == 1.0:
                 values[CENTRE + j] *= values[SIZE]
-            values[FORCE + j] += found[j]
-            values[CENTRE + j] += size * found[3 + j]
+            values[FORCE + j] += out[j]
+            values[CENTRE + j] += size * out[3 + j]
         values[PAIRS], values[POINTS], values[SIZE] = values[PAIRS] + 1.0, values[POINTS] + points, values[SIZE] + size
 
     cdef void add_friction(
-        self, Py_ssize_t i, const double* axes, const double* forces, const double* use, const double* speeds, double* found
+        self, Py_ssize_t i, const double* axes, const double* forces, const double* use, const double* speeds, double* out
     ) noexcept:
         """Add a pair to the columns of friction of its rule, and its friction to the force."""
         cdef double* values = &self.friction_values[self.parts[i, FRICTION_ROW], 0]
@@ -162,7 +162,7 @@ cdef class RuleColumns:
         values[0] += norm(across)
         for j in range(3):
             values[1 + j] += across[j]
-            found[j] += across[j]
+            out[j] += across[j]
 
     cdef double add_slide(self, double part, StageInMemory stage) noexcept:
         """Add slip and heat of a stage, with its weight, to the columns of friction; returns the heat, J."""
@@ -240,8 +240,8 @@ cdef class SteadyContacts(SteadyForces):
         self.smooth, self.evaluator = solver.smooth, solver.evaluator(self.points)
         self.inside, self.data = solver.stage_forces(self.points), motion.data
         self.applied, self.pushes = motion.data.qfrc_applied, np.zeros(motion.model.nv)
-        self.other, self.sums, self.memory = self.pushes, np.empty(motion.model.nv), room(2 * len(self.points))
-        self.normal_forces = numbers(self.memory)
+        self.other, self.sums, self.block = self.pushes, np.empty(motion.model.nv), room(2 * len(self.points))
+        self.normal_forces = numbers(self.block)
         self.use = self.normal_forces + <Py_ssize_t>len(self.points)
         pairs = closed.clearance.pairs
         self.others, self.is_level = bool(pairs), closed.clearance.flat_pairs.issuperset(pairs)
@@ -276,19 +276,19 @@ cdef class SteadyContacts(SteadyForces):
             find_extremes(self.groups, self.extremes)
         if pushes is not self.pushes:
             pushed = pushes
-        self.here = state_under(self.points, self.rows, self.own, self.point_modes, self.smooth, &pushed[0])
+        self.evaluation = state_under(self.points, self.rows, self.memory, self.point_modes, self.smooth, &pushed[0])
         if self.is_reduced:
-            self.patches.solve(self.own, self.here.pushed, self.here.along, &self.sums[0])
-            self.here.has_forces = True
-        solver.last_evaluation = place, load, self.here
+            self.patches.solve(self.memory, self.evaluation.pushed, self.evaluation.along, &self.sums[0])
+            self.evaluation.has_forces = True
+        solver.last_evaluation = place, load, self.evaluation
         if not (
             self.extremes[0] >= -_FEATURE_BOUND_M and self.extremes[1] <= _DRIFT_M and self.extremes[2] <= _DRIFT_M_S
         ):
             return False
         if self.sliding:
-            if not self.here.slides_on():
+            if not self.evaluation.slides_on():
                 return False
-        elif not self.here.margin() >= 0.0:
+        elif not self.evaluation.margin() >= 0.0:
             return False
         return self.touches_nowhere_else()
 
@@ -301,7 +301,7 @@ cdef class SteadyContacts(SteadyForces):
             known = solver.last_rows = self.points, place, evaluator.rows()
             self.is_reduced = self.patches is not None and self.patches.prepare(known[2].groups, known[2].memory)
         self.place, self.rows = place, known[2]
-        self.own, self.groups = self.rows.memory, self.rows.groups
+        self.memory, self.groups = self.rows.memory, self.rows.groups
         return 0
 
     cdef bint touches_nowhere_else(self) except -1:
@@ -321,7 +321,7 @@ cdef class SteadyContacts(SteadyForces):
             if not self.slide_on(left_s):
                 return False
         elif self.rubs and (
-            self.here.largest_slip() > SLIP_M_S or not self.modes.keep_still(self.points, self.point_modes.kinds)
+            self.evaluation.largest_slip() > SLIP_M_S or not self.modes.keep_still(self.points, self.point_modes.kinds)
         ):
             return False
         self.closed.begin_steady_step()
@@ -330,23 +330,23 @@ cdef class SteadyContacts(SteadyForces):
     cdef bint slide_on(self, double left_s) except -1:
         """Begin a step with points that slide, if they allow one of this duration; returns whether they do."""
         cdef double[:, ::1] along
-        cdef const double* axes = self.own.axes
+        cdef const double* axes = self.memory.axes
         cdef const double* slips
         cdef Py_ssize_t p
         cdef int j
         if left_s != left_s or not allows_step(
-            self.here, self.modes, left_s, self.data.time, PyBytes_FromStringAndSize(
+            self.evaluation, self.modes, left_s, self.data.time, PyBytes_FromStringAndSize(
                 <char*>&self.smooth.ctrl[0] if self.smooth.ctrl.shape[0] else NULL,
                 self.smooth.ctrl.shape[0] * <Py_ssize_t>sizeof(double),
             )
         ):
             return False
-        directions, slips = np.empty((self.own.points, 3)), self.here.slips
+        directions, slips = np.empty((self.memory.points, 3)), self.evaluation.slips
         along = directions
-        for p in range(self.own.points):
+        for p in range(self.memory.points):
             for j in range(3):
                 along[p, j] = slips[2 * p] * axes[9 * p + 3 + j] + slips[2 * p + 1] * axes[9 * p + 6 + j]
-        speeds = [self.here.speeds[p] for p in range(self.own.points)]
+        speeds = [self.evaluation.speeds[p] for p in range(self.memory.points)]
         self.modes.slide_on(self.points, self.point_modes, directions, speeds)
         return True
 
@@ -354,11 +354,11 @@ cdef class SteadyContacts(SteadyForces):
         """Add the contact forces to ``data.qfrc_applied``, which holds all other applied forces."""
         cdef StageInMemory stage
         cdef Py_ssize_t i, n
-        closed, flight = self.closed, self.closed.motion.forced
-        if data is not self.data or flight.implicit or not self.may_be():
+        closed, forced = self.closed, self.closed.motion.forced
+        if data is not self.data or forced.implicit or not self.may_be():
             closed.push(data)
             return
-        if flight.inside:
+        if forced.inside:
             closed.stages.append(self.inside.add_to(self.applied))
             return
         n = self.applied.shape[0]
@@ -367,7 +367,7 @@ cdef class SteadyContacts(SteadyForces):
         if not self.holds():
             closed.push(data)
             return
-        stage = self.here.stage_into(&self.sums[0])
+        stage = self.evaluation.stage_into(&self.sums[0])
         for i in range(n):
             self.applied[i] += self.sums[i]
         closed.stages.append(stage)
@@ -379,32 +379,32 @@ cdef class SteadyContacts(SteadyForces):
         cdef Py_ssize_t p, n
         if not self.holds():
             return False
-        n = self.own.points
-        forces = self.here.present_forces()
+        n = self.memory.points
+        forces = self.evaluation.present_forces()
         for p in range(n):
             self.normal_forces[p] = max(forces[3 * p], 0.0)
             if self.sliding:
                 self.use[p] = 1.0
         if not self.sliding and not largest_ratio(forces, self.mu, self.use) <= 1.0:
             return False  # shares of least use are to be found
-        speeds = self.here.speeds if self.sliding else NULL
-        self.columns.write(self.groups, self.own.axes, self.normal_forces, forces, self.use, speeds)
+        speeds = self.evaluation.speeds if self.sliding else NULL
+        self.columns.write(self.groups, self.memory.axes, self.normal_forces, forces, self.use, speeds)
         return True
 
     def exchange(self, double duration_s):
         """Energy and momentum exchanged in a (sub-)step, if the state at its end is steady; adds impulses, work and overlap."""
-        found = np.empty(21)
-        cdef double[::1] sums = found
+        totals = np.empty(21)
+        cdef double[::1] sums = totals
         if not self.exchange_into(duration_s, &sums[0]):
             return None
-        return Exchange(found[:3], found[3:9], found[9:].reshape(2, 6))
+        return Exchange(totals[:3], totals[3:9], totals[9:].reshape(2, 6))
 
     cdef bint exchange_into(self, double duration_s, double* sums) except -1:
         """The same into energies, impulse of the robot, and impulses of fixed bodies, (21,); returns whether it is steady."""
         cdef list stages
         cdef StageInMemory stage
         cdef const double[::1] weights
-        cdef double part, power, total = 0.0, own = 0.0, heat_J = 0.0
+        cdef double part, power, total = 0.0, memory = 0.0, heat_J = 0.0
         cdef const double* wrench
         cdef Py_ssize_t s, i, g, n, first
         if not self.holds():
@@ -415,9 +415,9 @@ cdef class SteadyContacts(SteadyForces):
         if first < 0:
             return False
         stages = stages[first : first + n]
-        if not all([isinstance(each, StageInMemory) for each in stages]):
+        if not all([isinstance(candidate, StageInMemory) for candidate in stages]):
             return False
-        if self.sliding and not all([(<StageInMemory>each).slides for each in stages]):
+        if self.sliding and not all([(<StageInMemory>candidate).slides for candidate in stages]):
             return False
         memset(sums, 0, 21 * sizeof(double))
         for s in range(n):
@@ -426,17 +426,17 @@ cdef class SteadyContacts(SteadyForces):
                 power = part * stage.powers[i]
                 total += power
                 if self.robot_start <= i < self.robot_stop:
-                    own += power
+                    memory += power
             for g in range(stage.groups):
-                wrench = stage.found + 6 * g
+                wrench = stage.wrenches + 6 * g
                 for i in range(6):
                     sums[3 + i] += part * self.from_robot[g] * wrench[i]
                     sums[9 + i] += part * self.outside[0, g] * wrench[i]
                     sums[15 + i] += part * self.outside[1, g] * wrench[i]
-            self.columns.add_impulses(part, stage.found)
+            self.columns.add_impulses(part, stage.wrenches)
             if self.sliding:
                 heat_J += self.columns.add_slide(part, stage)
-        sums[0], sums[1], sums[2] = total, own, total - own
+        sums[0], sums[1], sums[2] = total, memory, total - memory
         if self.rubs:
             self.columns.work_J[0] += total
         self.heat_J[0] += heat_J

@@ -206,7 +206,7 @@ cdef class ForcedStepper(FreeStepper):
     cdef public bint inside, solved
     cdef public int repeats
     cdef public object stage, stiff, activations
-    cdef bint asked_implicit, held
+    cdef bint asked_implicit, has_active_rows
     cdef readonly object start_rates, rotations
     cdef readonly ActuatorPower power
     cdef public FieldForces field  # external fields, whose work and impulses the stages integrate; None without any
@@ -353,7 +353,7 @@ cdef class ForcedStepper(FreeStepper):
     cdef int begin_nodes(self, double h) except -1:
         """Estimate rates and accelerations at the nodes, and prepare what actuators need."""
         cdef Py_ssize_t i, k
-        self.held = False
+        self.has_active_rows = False
         for k in range(3):
             for i in range(self.rates.shape[0]):
                 self.nodes[k, 0, i] = self.rates[i]
@@ -392,26 +392,26 @@ cdef class ForcedStepper(FreeStepper):
         """Correct the accelerations by stiff forces, then by Newton's method; returns whether the former have a solution."""
         cdef Py_ssize_t i, k
         cdef bint solved = True
-        cdef double[:, ::1] found
+        cdef double[:, ::1] changes
         if step.stiff is not None:
             corrections = step.stiff.corrections(step, np.ascontiguousarray(self.nodes.base[:, 1]))
             solved = corrections is not None
             if solved:
-                found = corrections
+                changes = corrections
                 for k in range(3):
                     for i in range(self.rates.shape[0]):
-                        self.nodes[k, 1, i] += found[k, i]
-            if self.stiff is not None and not self.held:
-                self.stiff.hold(*step.stiff.held())
-                self.held = True
+                        self.nodes[k, 1, i] += changes[k, i]
+            if self.stiff is not None and not self.has_active_rows:
+                self.stiff.hold(*step.stiff.active_rows())
+                self.has_active_rows = True
         if self.stiff is not None:
             for k in range(3):
                 for i in range(self.rates.shape[0]):
                     self.differences[k, i] = self.nodes[k, 1, i] - self.before[k, 1, i]
-            found = self.stiff.correction(h, self.residuals, self.acting)
+            changes = self.stiff.correction(h, self.residuals, self.acting)
             for k in range(3):
                 for i in range(self.rates.shape[0]):
-                    self.nodes[k, 1, i] = self.before[k, 1, i] + found[k, i]
+                    self.nodes[k, 1, i] = self.before[k, 1, i] + changes[k, i]
         return solved
 
     cdef double end_pass(self, const double[:, ::1] weights) except -1.0:
@@ -492,7 +492,7 @@ cdef class ForcedStepper(FreeStepper):
         for i in range(n):
             self.rates[i] = self.start_qvel[i] + after_s * slope[n + i]
 
-    cdef int evaluate(self, double after_s, const double* slope, double* found) except -1:
+    cdef int evaluate(self, double after_s, const double* slope, double* out) except -1:
         """Evaluate one stage: rates and accelerations at the state that given ones lead to, (2, nv) each."""
         cdef Py_ssize_t i, j, first, n = self.rates.shape[0]
         cdef double[3] turned
@@ -500,13 +500,13 @@ cdef class ForcedStepper(FreeStepper):
         if self.activations is not None:
             self.activations.move_to(after_s)
         self.update()
-        memcpy(found, &self.rates[0], n * sizeof(double))
-        memcpy(found + n, &self.accelerations[0], n * sizeof(double))
+        memcpy(out, &self.rates[0], n * sizeof(double))
+        memcpy(out + n, &self.accelerations[0], n * sizeof(double))
         for j in range(self.turning.shape[0]):
             first = self.turning[j]
             for i in range(3):
                 turned[i] = after_s * slope[first + i]
-            rotation_vector_rate(turned, found + first)
+            rotation_vector_rate(turned, out + first)
         return 0
 
     cpdef bint step(self, double duration_s) except? -1:

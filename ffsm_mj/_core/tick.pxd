@@ -33,7 +33,7 @@ cdef class RowFiller:
 
 
 cdef class StepWork:
-    cdef double[::1] held, length, force, account, start
+    cdef double[::1] ctrl, length, force, account, start
     cdef const double[::1] on_joint, external
     cdef bint working, pushed
     cdef tuple always, outside

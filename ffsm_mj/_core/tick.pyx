@@ -217,11 +217,11 @@ cdef class RowFiller:
 
     cpdef int fill(self, size_t line, double time_s) except -1:
         """Do what is to be done at a sample, and copy; derived quantities must be current."""
-        for each in self.on_sample:
-            if isinstance(each, OnSample):
-                (<OnSample>each).sample(time_s)
+        for callback in self.on_sample:
+            if isinstance(callback, OnSample):
+                (<OnSample>callback).sample(time_s)
             else:
-                each(time_s)
+                callback(time_s)
         return self.sampler.take(line)
 
 
@@ -242,7 +242,7 @@ cdef class StepWork:
     ):
         if not len(data.ctrl) == len(on_joint) == len(external) or len(account) == 0:
             raise ValueError(f"{len(on_joint)} and {len(external)} flags and an account of {len(account)} do not fit the actuators")
-        self.held, self.length, self.force = data.ctrl, data.actuator_length, data.actuator_force
+        self.ctrl, self.length, self.force = data.ctrl, data.actuator_length, data.actuator_force
         self.on_joint, self.external, self.account = on_joint, external, account
         self.start, self.always, self.outside = data.actuator_length.copy(), tuple(always), tuple(outside)
         self.working = self.pushed = False
@@ -272,9 +272,9 @@ cdef class StepWork:
         for part in self.always:
             part.open()
         self.working = self.pushed = False
-        for i in range(self.held.shape[0]):
+        for i in range(self.ctrl.shape[0]):
             self.start[i] = self.length[i]
-            if self.held[i] != 0.0:
+            if self.ctrl[i] != 0.0:
                 self.working = True
                 self.pushed = self.pushed or self.external[i] != 0.0
         if self.pushed:
@@ -287,7 +287,7 @@ cdef class StepWork:
         cdef Py_ssize_t i
         cdef double work = 0.0
         if self.working:
-            for i in range(self.held.shape[0]):
+            for i in range(self.ctrl.shape[0]):
                 work += self.force[i] * self.on_joint[i] * (self.length[i] - self.start[i])
             self.account[0] += work
         for part in self.always:

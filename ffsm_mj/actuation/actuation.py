@@ -127,8 +127,8 @@ class Actuation(Stateful):
         if data is self._data and command is self._command:
             return
         self._data, self._command, self._ctrl = data, command, data.ctrl
-        held = command.effort, command.powered, data.actuator_velocity, self.table, data.ctrl
-        self._limits = Limits(self.envelope, *held)
+        arrays = command.effort, command.powered, data.actuator_velocity, self.table, data.ctrl
+        self._limits = Limits(self.envelope, *arrays)
 
     def apply(self, command: Command, data: Any, time_s: float) -> None:
         """Convert a command to ``data.ctrl``, to be held until the next one.

@@ -78,8 +78,8 @@ class Valve(Stateful):
         size = abs(wanted)
         sign = math.copysign(1.0, wanted)
         stays = self.firing == sign and size >= self._release and size > 0.0
-        held = self.firing != 0.0 and time_s - self._lit_at_s < self._min_on_s - SCHEDULED_S
-        firing = self.firing if stays or held else sign if size > self._threshold else 0.0
+        locked = self.firing != 0.0 and time_s - self._lit_at_s < self._min_on_s - SCHEDULED_S
+        firing = self.firing if stays or locked else sign if size > self._threshold else 0.0
         if not lower <= firing * self._force <= upper:
             firing = 0.0  # a one-sided thruster never fires backwards
         if firing not in (0.0, self.firing):

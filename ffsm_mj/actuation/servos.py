@@ -44,7 +44,7 @@ class ServoForces:
         limited = on_joint & model.jnt_actfrclimited[joints].astype(bool)
         ranges = np.where(limited[:, None], model.jnt_actfrcrange[joints], [-np.inf, np.inf])
         limits = model.actuator_forcelimited, model.jnt_actfrclimited, model.tendon_actfrclimited
-        unlimited = without_force_limits(model) if any(each.any() for each in limits) else None
+        unlimited = without_force_limits(model) if any(limit.any() for limit in limits) else None
         forces = np.zeros((len(self._servos), 2))
         sample = ServoSample(model, unlimited, data, self._servos, gear, ranges, forces)
         self.columns = Columns(self._signals(system), live=forces.reshape(-1), on_sample=sample)
@@ -67,7 +67,7 @@ def begin_at_rest(model: Any, data: Any) -> FloatArray:
     A servo without a length in its law, such as one of velocity, has zero, and so has a voltage. An integrator has the
     setpoint zero.
     """
-    found, slews = np.zeros(model.nu), dict[int, int]()
+    setpoints, slews = np.zeros(model.nu), dict[int, int]()
     for kind in (mujoco.mjtGain.mjGAIN_PID, mujoco.mjtGain.mjGAIN_DCMOTOR):
         ids, places, _ = controllers_of(model, kind)
         slews.update(zip(ids.tolist(), places.tolist(), strict=True))
@@ -76,10 +76,10 @@ def begin_at_rest(model: Any, data: Any) -> FloatArray:
         rest = law.force_free(float(data.actuator_length[i])) if law is not None and law.bias[1] != 0.0 else 0.0
         if slews.get(i, -1) >= 0:
             data.act[slews[i]] = rest
-        found[i] = 0.0 if dynamics == mujoco.mjtDyn.mjDYN_INTEGRATOR else rest
+        setpoints[i] = 0.0 if dynamics == mujoco.mjtDyn.mjDYN_INTEGRATOR else rest
         if dynamics in _ACTIVATED:
             data.act[model.actuator_actadr[i]] = rest
-    return found
+    return setpoints
 
 
 def set_activations(system: System, data: Any, activations: Mapping[str, float | list[float]]) -> None:

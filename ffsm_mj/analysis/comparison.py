@@ -134,8 +134,8 @@ def _times_ns(log: RunLog) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.intp]]
     """Times of a log in whole nanoseconds, once each, and the first row of each: a damaged log may repeat or lack some."""
     times = np.round(log.column(TIME) * 1e9)
     known = np.flatnonzero(np.abs(times) < _LATEST_NS)
-    each, first = np.unique(times[known].astype(np.int64), return_index=True)
-    return each, known[first]
+    unique, first = np.unique(times[known].astype(np.int64), return_index=True)
+    return unique, known[first]
 
 
 def _records(a: RunLog, b: RunLog) -> Iterator[RecordsDifference]:
@@ -172,8 +172,8 @@ def _columns(log: RunLog, keys: list[str], rows: Any) -> FloatArray:
 
 def _different_files(a: RunLog, b: RunLog) -> set[str]:
     files = a.header.files, b.header.files
-    found = {name for name in {*files[0], *files[1]} if files[0].get(name) != files[1].get(name)}
-    return {BEFORE if name.startswith(f"{BEFORE}/") else name for name in found}
+    names = {name for name in {*files[0], *files[1]} if files[0].get(name) != files[1].get(name)}
+    return {BEFORE if name.startswith(f"{BEFORE}/") else name for name in names}
 
 
 def _differences(a: Any, b: Any, key: str = "") -> Iterator[tuple[str, Any, Any]]:

@@ -92,14 +92,14 @@ class Digest(Sink):
 
 def digest(log: RunLog) -> Digest:
     """Digest the rows of a log."""
-    found = Digest()
-    found.open(log.header)
+    content = Digest()
+    content.open(log.header)
     for record in contact_records(log):
-        found.contacts.event(record)
-    for held in grasp_records(log):
-        found.grasps.event(held)
-    found.kept.expect(record.time_s for record in log.impact_records)
+        content.contacts.event(record)
+    for grasp in grasp_records(log):
+        content.grasps.event(grasp)
+    content.kept.expect(record.time_s for record in log.impact_records)
     for block in log.blocks():
-        found.rows(block)
-    found.kept.finish()
-    return found
+        content.rows(block)
+    content.kept.finish()
+    return content

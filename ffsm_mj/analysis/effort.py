@@ -53,7 +53,7 @@ class Effort(Sink):
         self._actuators = np.flatnonzero(~further_inputs(system.mj))
         self._names = tuple(system.names("actuator")[i] for i in self._actuators.tolist())
         self.base_rotation, self.momentum_exchange = BaseRotation(system), MomentumExchange(system)
-        self._joint, self._gear = (each[self._actuators] for each in _drives(system.mj))
+        self._joint, self._gear = (part[self._actuators] for part in _drives(system.mj))
         n = len(self._names)
         self._square, self._work, self._peak, self._bounded, self._ticks = *np.zeros((4, n)), 0
         self._last: tuple[float, FloatArray, FloatArray, FloatArray] | None = None
@@ -95,12 +95,12 @@ class Effort(Sink):
         length, power = self._lengths_and_powers(block[:, self._qpos], block[:, self._qvel], applied)
         times = block[:, self._time]
         if self._last is not None:
-            t, held, at, rate = self._last
-            times, applied = np.append(t, times), np.vstack([held, applied])
+            t, efforts, at, rate = self._last
+            times, applied = np.append(t, times), np.vstack([efforts, applied])
             length, power = np.vstack([at, length]), np.vstack([rate, power])
-        steps, held = np.diff(times)[:, None], applied[:-1]
-        self._square = _added(self._square, held**2 * steps)
-        self._work = _added(self._work, held * np.diff(length, axis=0) + 0.5 * (power[1:] + power[:-1]) * steps)
+        steps, efforts = np.diff(times)[:, None], applied[:-1]
+        self._square = _added(self._square, efforts**2 * steps)
+        self._work = _added(self._work, efforts * np.diff(length, axis=0) + 0.5 * (power[1:] + power[:-1]) * steps)
         self._last = float(times[-1]), applied[-1].copy(), length[-1].copy(), power[-1].copy()
 
     def _lengths_and_powers(self, qpos: FloatArray, qvel: FloatArray, applied: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -131,8 +131,8 @@ class Effort(Sink):
     def summary(self) -> dict[str, Any]:
         """``effort``, ``base_rotation`` and ``angular_momentum`` of ``summary.json``; None for what is not finite."""
         effort = {
-            name: {measure: value if math.isfinite(value) else None for measure, value in each.items()}
-            for name, each in self.by_actuator().items()
+            name: {measure: value if math.isfinite(value) else None for measure, value in measures.items()}
+            for name, measures in self.by_actuator().items()
         }
         return {
             "effort": effort,
@@ -145,7 +145,7 @@ class Effort(Sink):
         share = self._bounded / max(self._ticks, 1)
         rows = np.column_stack([self._square, self._work, self._peak, share]).tolist()
         names = map(identifier, self._names)
-        return {name: dict(zip(MEASURES, each, strict=True)) for name, each in zip(names, rows, strict=True)}
+        return {name: dict(zip(MEASURES, row, strict=True)) for name, row in zip(names, rows, strict=True)}
 
 
 def _added(total: FloatArray, terms: FloatArray) -> FloatArray:
@@ -277,13 +277,13 @@ class MomentumExchange:
             block = block[1:]
         assert self._last is not None
         rows = np.vstack((self._last, block))
-        steps, held = np.diff(rows[:, self._time]), rows[:-1, self._applied]
-        self._passed = np.cumsum(np.vstack((self._passed, held * steps[:, None])), axis=0)[-1]
+        steps, efforts = np.diff(rows[:, self._time]), rows[:-1, self._applied]
+        self._passed = np.cumsum(np.vstack((self._passed, efforts * steps[:, None])), axis=0)[-1]
         changes = np.zeros((len(block), 6))
         for places in self._impulses:
             changes += np.diff(rows[:, places], axis=0)
         for i in np.flatnonzero(changes.any(axis=1)).tolist():
-            before, after = self._moments(rows[i], held[i]), self._moments(rows[i + 1], held[i])
+            before, after = self._moments(rows[i], efforts[i]), self._moments(rows[i + 1], efforts[i])
             # Of c x F with both linear in time: the product of the means, and a twelfth of that of the changes.
             turning = cross(after.centre - before.centre, after.force - before.force) * (float(steps[i]) / 12.0)
             middle = 0.5 * (before.centre + after.centre)
@@ -296,12 +296,12 @@ class MomentumExchange:
         if isinstance(event, GraspRecord | ReleaseRecord):
             self._events.append(event)
 
-    def _moments(self, row: FloatArray, held: FloatArray) -> _OuterLoad:
+    def _moments(self, row: FloatArray, efforts: FloatArray) -> _OuterLoad:
         """Load of the outer actuators under efforts at the state of a row."""
         data = self._state(row)
-        moments, centre, total = np.zeros((len(held), 3)), self._centre(data), np.zeros(3)
-        for i in self._outer[held[self._outer] != 0.0].tolist():
-            force, moments[i] = self._load(data, i, float(held[i]), centre)
+        moments, centre, total = np.zeros((len(efforts), 3)), self._centre(data), np.zeros(3)
+        for i in self._outer[efforts[self._outer] != 0.0].tolist():
+            force, moments[i] = self._load(data, i, float(efforts[i]), centre)
             total += force
         return _OuterLoad(centre, total, moments)
 
@@ -364,7 +364,7 @@ class MomentumExchange:
         """Angular momentum of each body, and that of each wheel relative to its bearing, (n, 3)."""
         model, data = self._model, self._state(row)
         mujoco.mj_fwdVelocity(model, data)
-        centre, twist, found = self._centre(data), np.empty(6), {}
+        centre, twist, by_body = self._centre(data), np.empty(6), {}
         total = mass = 0.0
         velocities = {}
         for body in [body for tree in self._system.trees for body in tree.bodies]:
@@ -373,38 +373,40 @@ class MomentumExchange:
             total, mass = total + model.body_mass[body] * twist[3:], mass + model.body_mass[body]
         for body, (*spin, x, y, z) in velocities.items():
             frame = data.ximat[body].reshape(3, 3)
-            own = frame @ (model.body_inertia[body] * (frame.T @ np.array(spin)))
+            about_centre = frame @ (model.body_inertia[body] * (frame.T @ np.array(spin)))
             relative = np.array([x, y, z]) - total / mass
-            found[model.body(body).name] = own + model.body_mass[body] * cross(data.xipos[body] - centre, relative)
+            by_body[model.body(body).name] = about_centre + model.body_mass[body] * cross(
+                data.xipos[body] - centre, relative
+            )
         columns = self._stack.wheel_columns(data)
-        return found, columns.T * data.qvel[self._stack.dofs][:, None]
+        return by_body, columns.T * data.qvel[self._stack.dofs][:, None]
 
     def _subsystems(self, bodies: dict[str, FloatArray], spin: FloatArray) -> dict[str, FloatArray]:
         """Angular momentum of each tree, of the robot without its wheels."""
-        found = {}
+        groups = {}
         for tree in self._system.trees:
-            found[tree.name] = sum((bodies[self._model.body(body).name] for body in tree.bodies), np.zeros(3))
+            groups[tree.name] = sum((bodies[self._model.body(body).name] for body in tree.bodies), np.zeros(3))
         if len(spin):
             wheels = spin.sum(axis=0)
-            robot = found.pop("robot") - wheels
-            return {"robot without wheels": robot, "wheels": wheels, **found}
-        return found
+            robot = groups.pop("robot") - wheels
+            return {"robot without wheels": robot, "wheels": wheels, **groups}
+        return groups
 
     def _actuators(self, spin0: FloatArray, spin1: FloatArray) -> dict[str, dict[str, Any]]:
         """By actuator: ``impulse`` is its effort over time, ``taken_N_m_s`` what a wheel stores or a thruster brings."""
-        found: dict[str, dict[str, Any]] = {}
+        actuators: dict[str, dict[str, Any]] = {}
         for i in np.flatnonzero(~further_inputs(self._model)).tolist():
             name, on_joint = self._names[i], self._model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
             joint = self._model.joint(int(self._model.actuator_trnid[i, 0])).name if on_joint else ""
-            taken, kind = np.zeros(3), "joint"
+            exchanged, kind = np.zeros(3), "joint"
             if i in self._outer:
-                taken, kind = self._by_actuator[i], "external"
+                exchanged, kind = self._by_actuator[i], "external"
             elif joint in self._stack.wheels:
                 k = self._stack.wheels.index(joint)
-                taken, kind = spin1[k] - spin0[k], "wheel"
+                exchanged, kind = spin1[k] - spin0[k], "wheel"
             unit = "N_m_s" if drives_rotation(self._model, i) else "N_s"
-            found[name] = {"kind": kind, f"impulse_{unit}": float(self._passed[i]), "taken_N_m_s": taken.tolist()}
-        return found
+            actuators[name] = {"kind": kind, f"impulse_{unit}": float(self._passed[i]), "taken_N_m_s": exchanged.tolist()}
+        return actuators
 
 
 def _changes(before: dict[str, FloatArray], after: dict[str, FloatArray]) -> dict[str, dict[str, list[float]]]:

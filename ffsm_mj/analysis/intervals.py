@@ -204,8 +204,8 @@ class ContactIntervals:
 def contact_records(log: RunLog) -> list[Any]:
     """Records of persistent contact in a log, in order."""
     kinds = (CONTACT_BEGINS, CONTACT_CHANGES, CONTACT_ENDS, *FRICTION_KINDS)
-    found = [record for kind in kinds for record in log.records.get(kind.plural, ())]
-    return sorted(found, key=lambda record: record.event)
+    records = [record for kind in kinds for record in log.records.get(kind.plural, ())]
+    return sorted(records, key=lambda record: record.event)
 
 
 @record
@@ -289,7 +289,10 @@ class GraspIntervals:
 
     def _end(self, grasp: str, time_s: float) -> None:
         """End the interval of a grasp; without one its closing is in a damaged part of the log."""
-        spell = next((each for each in self._spells if each.begins.grasp == grasp and each.end_s == math.inf), None)
+        spell = next(
+            (candidate for candidate in self._spells if candidate.begins.grasp == grasp and candidate.end_s == math.inf),
+            None,
+        )
         if spell is not None:
             spell.end_s = time_s
 
@@ -307,5 +310,5 @@ class GraspIntervals:
 
 def grasp_records(log: RunLog) -> list[GraspRecord | ReleaseRecord]:
     """Captures and releases in a log, in order."""
-    found = [record for kind in (GRASP, RELEASE) for record in log.records.get(kind.plural, ())]
-    return sorted(found, key=lambda record: (record.time_s, isinstance(record, GraspRecord)))
+    records = [record for kind in (GRASP, RELEASE) for record in log.records.get(kind.plural, ())]
+    return sorted(records, key=lambda record: (record.time_s, isinstance(record, GraspRecord)))

@@ -73,20 +73,20 @@ class ModelResults:
         if self._accumulated is not None:
             return self._accumulated.summary()
         try:
-            found = Effort(compile_log(self._log))
-            found.open(self._log.header)
+            computed = Effort(compile_log(self._log))
+            computed.open(self._log.header)
         except (InputError, KeyError):  # models that no longer compile, or a part of the columns
             return {"effort": None, "base_rotation": None, "angular_momentum": None}
         for block in self._log.blocks():
-            found.rows(block)
+            computed.rows(block)
         for event in self._log.events():
-            found.event(event)
-        return found.summary()
+            computed.event(event)
+        return computed.summary()
 
     def _stack_momentum(self) -> float:
         """Angular momentum of robot and grasped object at the end without the wheels, N m s; NaN if it is unknown."""
-        found = self.effort["angular_momentum"]
-        return math.nan if found is None else float(found["stack_without_wheels_N_m_s"])
+        momentum = self.effort["angular_momentum"]
+        return math.nan if momentum is None else float(momentum["stack_without_wheels_N_m_s"])
 
 
 class Run:
@@ -112,7 +112,7 @@ class Run:
             digested: Digest of its rows, if it exists already; None: computed on demand.
             models: What is computed with its models; None: the models are taken from the log.
         """
-        self.log, self.path, self._given = log, path, digested
+        self.log, self.path, self._digested = log, path, digested
         self.models = models or ModelResults(log)
 
     def __repr__(self) -> str:
@@ -305,12 +305,12 @@ class Run:
     @property
     def digested(self) -> bool:
         """Whether the digest exists; if not, it costs one pass over the rows."""
-        return self._given is not None or "digest" in self.__dict__
+        return self._digested is not None or "digest" in self.__dict__
 
     @cached_property
     def digest(self) -> Digest:
         """Digest of the rows for checks and summary, computed in one pass."""
-        return self._given or digest(self.log)
+        return self._digested or digest(self.log)
 
     def table(self, name: str = "samples") -> Table:
         """A table of named columns with units: ``samples``, ``contacts``, ``grasps``, ``checks``, or records by kind.
@@ -361,5 +361,5 @@ def load_run(path: str | Path) -> Run:
         InputError: There is no log at that path.
         LogError: The file is not the log of a run.
     """
-    found = find_log(Path(path))
-    return Run(read_log(found), found.absolute())
+    log = find_log(Path(path))
+    return Run(read_log(log), log.absolute())

@@ -18,14 +18,14 @@ def effort(run: Run) -> dict[str, dict[str, float | None]] | None:
     ``integral_u2`` (N^2 s or (N m)^2 s), ``work_J``, ``peak`` (N or N m) and ``at_bound``, the share of the ticks at which
     the applied effort is at a bound: see :data:`ffsm_mj.analysis.effort.MEASURES`.
     """
-    found: dict[str, dict[str, float | None]] | None = deepcopy(run.models.effort["effort"])
-    return found
+    efforts: dict[str, dict[str, float | None]] | None = deepcopy(run.models.effort["effort"])
+    return efforts
 
 
 def base_rotation(run: Run) -> dict[str, float] | None:
     """Angle from the first orientation of the base, ``final_rad`` and ``largest_rad``; None: see :func:`effort`."""
-    found: dict[str, float] | None = deepcopy(run.models.effort["base_rotation"])
-    return found
+    rotation: dict[str, float] | None = deepcopy(run.models.effort["base_rotation"])
+    return rotation
 
 
 def angular_momentum(run: Run) -> dict[str, Any] | None:
@@ -34,8 +34,8 @@ def angular_momentum(run: Run) -> dict[str, Any] | None:
     About the centre of mass of everything that moves, world axes, N m s; :func:`ffsm_mj.analysis.tables.momentum_table`
     makes a table of it. See :class:`ffsm_mj.analysis.effort.MomentumExchange`.
     """
-    found: dict[str, Any] | None = deepcopy(run.models.effort["angular_momentum"])
-    return found
+    momentum: dict[str, Any] | None = deepcopy(run.models.effort["angular_momentum"])
+    return momentum
 
 
 def all_checks(run: Run, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Check, ...]:

@@ -126,9 +126,9 @@ def failing_checks(checks: Sequence[Check]) -> dict[str, Any]:
     return {"passed": not failing, "fail_by_truncation": all_by_truncation(checks), "failing": failing}
 
 
-def truncation_data(found: Truncation | None) -> dict[str, Any] | None:
+def truncation_data(truncation: Truncation | None) -> dict[str, Any] | None:
     """Truncation as plain data."""
-    return None if found is None else {key: _finite(value) for key, value in asdict(found).items()}
+    return None if truncation is None else {key: _finite(value) for key, value in asdict(truncation).items()}
 
 
 def _finite(value: float | None) -> float | None:
@@ -143,14 +143,14 @@ def _conservation(accumulator: CheckAccumulator) -> dict[str, float | None] | No
         "linear momentum": "linear_momentum_residual_N_s",
         "angular momentum": "angular_momentum_residual_N_m_s",
     }
-    found: dict[str, float | None] = {}
+    residuals: dict[str, float | None] = {}
     for name, key in names.items():
         checks = [check for check in judged if check.name == name]
         if not checks:
             return None
         finite = all(math.isfinite(check.residual) and math.isfinite(check.drift) for check in checks)
-        found[key] = max(check.drift for check in checks) if finite else None
-    return found
+        residuals[key] = max(check.drift for check in checks) if finite else None
+    return residuals
 
 
 _SHOWN = 5
@@ -226,11 +226,11 @@ def _impacts(records: tuple[ImpactRecord, ...]) -> list[str]:
 
 def _contacts(contacts: tuple[ContactInterval, ...]) -> list[str]:
     lines = []
-    for each in contacts[:_SHOWN]:
-        until = "to the end" if each.end_s is None else f"to {each.end_s:.6f} s"
-        force = f"{each.impulse_N_s:.4g} N s, up to {each.peak_force_N:.4g} N"
-        force += f", slip {each.slip_m:.4g} m" if each.slip_m else ""
-        lines.append(f"{each.start_s:.6f} s {until}: {each.rule}, {force}")
+    for one in contacts[:_SHOWN]:
+        until = "to the end" if one.end_s is None else f"to {one.end_s:.6f} s"
+        force = f"{one.impulse_N_s:.4g} N s, up to {one.peak_force_N:.4g} N"
+        force += f", slip {one.slip_m:.4g} m" if one.slip_m else ""
+        lines.append(f"{one.start_s:.6f} s {until}: {one.rule}, {force}")
     more = len(contacts) - len(lines)
     return [*lines, f"and {_counted(more, 'more contact')}"] if more else lines
 

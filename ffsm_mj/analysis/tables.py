@@ -84,9 +84,9 @@ def table_names(log: RunLog) -> tuple[str, ...]:
     return "samples", *(kind.plural for kind in log.kinds), "contacts", *grasps, CHECKS_TABLE
 
 
-def momentum_table(found: dict[str, Any] | None) -> Table:
+def momentum_table(momentum: dict[str, Any] | None) -> Table:
     """The table of what :func:`ffsm_mj.angular_momentum` returns; without rows if that is None."""
-    return _of_columns(MOMENTUM_TABLE, columns_of(MomentumRow), momentum_rows(found))
+    return _of_columns(MOMENTUM_TABLE, columns_of(MomentumRow), momentum_rows(momentum))
 
 
 def checks_table(checks: Sequence[Check]) -> Table:
@@ -138,8 +138,8 @@ def _of_columns(name: str, meaning: Mapping[str, tuple[str, str]], records: Sequ
             columns[column], about[column] = np.array([_cell(value) for value in values]), words
             continue
         for i, letter in enumerate(letters):
-            each = column.replace(f"{{{letters}}}", letter)
-            columns[each], about[each] = np.array([value[i] for value in values]), words
+            column_name = column.replace(f"{{{letters}}}", letter)
+            columns[column_name], about[column_name] = np.array([value[i] for value in values]), words
     return Table(
         name,
         columns,
@@ -164,17 +164,17 @@ class MomentumRow:
     )
 
 
-def momentum_rows(found: dict[str, Any] | None) -> list[MomentumRow]:
+def momentum_rows(momentum: dict[str, Any] | None) -> list[MomentumRow]:
     """Rows of the table from ``angular_momentum`` of ``summary.json``; none without it."""
-    if found is None:
+    if momentum is None:
         return []
-    rows = [_changed("total", "total", found["initial_N_m_s"], found["final_N_m_s"])]
-    rows.append(MomentumRow("outside", "outside", _NONE, _NONE, tuple(found["external_N_m_s"])))
+    rows = [_changed("total", "total", momentum["initial_N_m_s"], momentum["final_N_m_s"])]
+    rows.append(MomentumRow("outside", "outside", _NONE, _NONE, tuple(momentum["external_N_m_s"])))
     for kind, key in (("subsystem", "subsystems"), ("body", "bodies")):
-        rows += [_changed(kind, name, each["before_N_m_s"], each["after_N_m_s"]) for name, each in found[key].items()]
+        rows += [_changed(kind, name, part["before_N_m_s"], part["after_N_m_s"]) for name, part in momentum[key].items()]
     rows += [
-        MomentumRow(each["kind"], name, _NONE, _NONE, tuple(each["taken_N_m_s"]))
-        for name, each in found["actuators"].items()
+        MomentumRow(part["kind"], name, _NONE, _NONE, tuple(part["taken_N_m_s"]))
+        for name, part in momentum["actuators"].items()
     ]
     return rows
 

@@ -55,7 +55,7 @@ class CompiledScenario:
         system: Robot and objects.
         laws: Control laws of a script, classes by kind, beside those that are installed.
         controller_system: System of the controller model; None: control laws know the plant.
-        held: The systems in which grasps hold, by the names of these.
+        grasped_systems: The systems in which grasps hold, by the names of these.
         estimators: Estimators of a script, classes by kind, beside those that are installed.
         recorded: Files that the control laws name.
         start: Finds the state at which the run begins, by simulating where that is needed; None: it begins at t = 0.
@@ -67,7 +67,7 @@ class CompiledScenario:
     system: System
     laws: Mapping[str, Any]
     controller_system: System | None = None
-    held: Mapping[str, GraspedSystem] = field(default_factory=dict)
+    grasped_systems: Mapping[str, GraspedSystem] = field(default_factory=dict)
     estimators: Mapping[str, Any] = field(default_factory=dict)
     recorded: RecordedFiles = field(default_factory=RecordedFiles)
     start: Callable[[], Start] | None = None
@@ -97,9 +97,9 @@ class CompiledScenario:
             InputError: One line per fault, with the place in the scenario or the model.
         """
         controller_system = self.controller_system.copy() if self.controller_system is not None else None
-        held = {name: each.copy() for name, each in self.held.items()}
-        copied = {each.name: getattr(self, each.name) for each in fields(CompiledScenario)}
-        copied |= {"system": self.system.copy(), "controller_system": controller_system, "held": held}
+        grasped_systems = {name: grasped.copy() for name, grasped in self.grasped_systems.items()}
+        copied = {field.name: getattr(self, field.name) for field in fields(CompiledScenario)}
+        copied |= {"system": self.system.copy(), "controller_system": controller_system, "grasped_systems": grasped_systems}
         with self.source.locating():
             return _assembled(CompiledScenario(**copied))
 
@@ -138,9 +138,9 @@ class Assembly:
         return self.compiled.scenario
 
     @property
-    def held(self) -> Mapping[str, GraspedSystem]:
+    def grasped_systems(self) -> Mapping[str, GraspedSystem]:
         """The systems in which grasps hold, by the names of these."""
-        return self.compiled.held
+        return self.compiled.grasped_systems
 
     @property
     def system(self) -> System:
@@ -163,14 +163,19 @@ class Assembly:
         return self.plant.actuation
 
 
-def _assembled(own: CompiledScenario) -> Assembly:
+def _assembled(compiled: CompiledScenario) -> Assembly:
     """Build the components of one run, which owns the models.
 
     Raises:
         ScenarioFaults: Something in the scenario does not fit.
         InputError: Something in a model does not.
     """
-    scenario, system, held, controller_system = own.scenario, own.system, own.held, own.controller_system
+    scenario, system, grasped_systems, controller_system = (
+        compiled.scenario,
+        compiled.system,
+        compiled.grasped_systems,
+        compiled.controller_system,
+    )
     data, start_notes = initial_state(scenario, system)
     refuse_coarse_steps(scenario, system, data)
     contacts = resolve_contacts(scenario.contacts, system)
@@ -179,13 +184,15 @@ def _assembled(own: CompiledScenario) -> Assembly:
     limits = joint_limits(scenario, system)
     refuse_outside(scenario, system, data, limits)
     task = task_of(scenario, system)
-    plant = build_plant(scenario, system, data, contacts.pairs, limits, held, task)
+    plant = build_plant(scenario, system, data, contacts.pairs, limits, grasped_systems, task)
     start_contacts(plant)
-    contexts = _contexts(scenario, controller_system or system, plant, held)
-    grasped = {name: each for name, each in contexts.items() if name}
-    phases = build_phases(scenario, contexts[""], own.laws, grasped, own.recorded)
+    contexts = _contexts(scenario, controller_system or system, plant, grasped_systems)
+    grasped = {name: context for name, context in contexts.items() if name}
+    phases = build_phases(scenario, contexts[""], compiled.laws, grasped, compiled.recorded)
     controller_model = ControllerModel(controller_system, data, system) if controller_system is not None else None
-    controller = _phase_machine(scenario, phases, contexts[""], controller_model, plant, held, own.estimators)
+    controller = _phase_machine(
+        scenario, phases, contexts[""], controller_model, plant, grasped_systems, compiled.estimators
+    )
     controller_data = data if controller_model is None else controller_model.data
     refuse_start(phases[0], scenario.phases[0], controller_data)
     columns = [*plant.columns, *controller.columns]
@@ -194,7 +201,7 @@ def _assembled(own: CompiledScenario) -> Assembly:
     if fault := _too_large(scenario.ticks, len(row.layout.signals), scenario.log.max_size_GB):
         raise ScenarioFaults([Fault(fault, ("duration_s",))])
     known = contacts.ignored.union(*(contact_model.watched for contact_model in plant.integrator.sources))
-    return Assembly(own, plant, controller_data, contacts, limits, known, controller, task, row, start_notes)
+    return Assembly(compiled, plant, controller_data, contacts, limits, known, controller, task, row, start_notes)
 
 
 def _phase_machine(
@@ -203,19 +210,19 @@ def _phase_machine(
     context: ControllerContext,
     controller_model: ControllerModel | None,
     plant: Plant,
-    held: Mapping[str, GraspedSystem],
+    grasped_systems: Mapping[str, GraspedSystem],
     estimators: Mapping[str, Any],
 ) -> PhaseMachine:
     """The phases, with control laws that see the plant, a controller model at its state, or an estimate."""
     if controller_model is None:
         return PhaseMachine(phases)
-    grasped = _grasped_models(plant.integrator.sources, held)
+    grasped = _grasped_models(plant.integrator.sources, grasped_systems)
     if scenario.estimator.kind != "truth" and scenario.has_rigid_laws:
         text = "an estimator estimates the joints of the plant: write 'controller_joints: flexible', or leave joint_flex out"
         raise ScenarioFaults([Fault(text, ("robot", "joint_flex"))])
     if scenario.estimator.kind == "truth":
         return ControllerModelPhaseMachine(phases, controller_model, grasped)
-    systems = {name: each.controller_system for name, each in held.items() if each.controller_system is not None}
+    systems = {name: one.controller_system for name, one in grasped_systems.items() if one.controller_system is not None}
     estimator = make_estimator(scenario.estimator, replace(context, grasped=systems), estimators)
     models = {name: (system, grasped[name]) for name, system in systems.items()}
     return EstimatePhaseMachine(phases, estimator, scenario.estimator.kind, context.system, controller_model, models)
@@ -242,30 +249,30 @@ def _refuse_endless(scenario: ScenarioConfig, contacts: Contacts) -> None:
 
 
 def _contexts(
-    scenario: ScenarioConfig, system: System, plant: Plant, held: Mapping[str, GraspedSystem]
+    scenario: ScenarioConfig, system: System, plant: Plant, grasped_systems: Mapping[str, GraspedSystem]
 ) -> dict[str, ControllerContext]:
     """What control laws are made for: in the scene (empty name), and while an object is grasped, by the grasp's name."""
-    systems = {"": system} | {name: each.controller_system or each.system for name, each in held.items()}
+    systems = {"": system} | {name: grasped.controller_system or grasped.system for name, grasped in grasped_systems.items()}
     return {
         name: ControllerContext(
-            each,
-            task_of(scenario, each),
+            grasped,
+            task_of(scenario, grasped),
             scenario.control_period_s,
             limits=plant.actuation.envelope,
             sensors=plant.sampler.by_name if plant.sampler is not None else {},
         )
-        for name, each in systems.items()
+        for name, grasped in systems.items()
     }
 
 
-def _grasped_models(sources: Sequence[Source], held: Mapping[str, GraspedSystem]) -> dict[str, ControllerModel]:
+def _grasped_models(sources: Sequence[Source], grasped_systems: Mapping[str, GraspedSystem]) -> dict[str, ControllerModel]:
     """Controller models while an object is grasped, by the name of the grasp."""
     return {
-        name: ControllerModel(each.controller_system, source.data_of(name), each.system, grasped=True)
+        name: ControllerModel(one.controller_system, source.data_of(name), one.system, grasped=True)
         for source in sources
         if isinstance(source, GraspModel)
-        for name, each in held.items()
-        if each.controller_system is not None
+        for name, one in grasped_systems.items()
+        if one.controller_system is not None
     }
 
 

@@ -87,8 +87,8 @@ class GeomSelector:
         model, body = self._system.mj, self._body(name.removesuffix(SUBTREE), name)
         inside = np.zeros(model.nbody, dtype=bool)
         inside[body] = True
-        for each in range(body + 1, model.nbody):  # a parent precedes its children
-            inside[each] |= inside[model.body_parentid[each]]
+        for descendant in range(body + 1, model.nbody):  # a parent precedes its children
+            inside[descendant] |= inside[model.body_parentid[descendant]]
         return np.asarray(inside[self._bodies])
 
     def _body(self, body: str, name: str) -> int:
@@ -198,15 +198,15 @@ def _filtered(
     A satellite whose file switches the contacts of its own parts off would otherwise fly through another one unseen.
     """
     ruled = [{int(selector.part[geom]) for geom in pair.geom_ids} for pair in pairs]
-    found, behind = [], np.zeros_like(can)
+    shielding, behind = [], np.zeros_like(can)
     for (i, a), (k, b) in combinations(enumerate(system.models), 2):
         between = np.ix_(selector.part == i, selector.part == k)
         if (a in system.fixed and b in system.fixed) or can[between].any() or {i, k} in ruled:
             continue
         if ignored[between].size == 0 or not ignored[between].all():
-            found.append((a.name, b.name))
+            shielding.append((a.name, b.name))
             behind[between] = True
-    return tuple(found), behind | behind.T
+    return tuple(shielding), behind | behind.T
 
 
 @dataclass(frozen=True)
@@ -231,14 +231,14 @@ def _stated_rules(config: ContactsConfig, selector: GeomSelector, can: Matrix) -
     Raises:
         ScenarioFaults: An unknown name, or a rule that names no pair.
     """
-    found = []
+    rules = []
     with Faults() as faults:
         for i, rule in enumerate(config.rules or ()):
             with faults.below(*_RULES, i):
-                found.append(_stated(rule, config, selector, can))
-                if not found[-1].pairs.any():
+                rules.append(_stated(rule, config, selector, can))
+                if not rules[-1].pairs.any():
                     faults.add(_no_pair(rule.between, selector, can), *_RULES, i, "between")
-    return found
+    return rules
 
 
 def _stated(rule: ContactRuleConfig, config: ContactsConfig, selector: GeomSelector, can: Matrix) -> _Stated:
@@ -254,17 +254,17 @@ def _sides(names: Sequence[str], selector: GeomSelector) -> tuple[GeomSelection,
     Raises:
         ScenarioFaults: An unknown name.
     """
-    found: list[GeomSelection | None] = []
+    selections: list[GeomSelection | None] = []
     with Faults() as faults:
         for k, name in enumerate(names):
             with faults.below("between", k):
-                found.append(None if name == SELF else selector.side(name))
-        if not faults.found and not any(found):
+                selections.append(None if name == SELF else selector.side(name))
+        if not faults.collected and not any(selections):
             faults.add("'self' needs a model on the other side, such as [robot, self]", "between")
-    one, other = found
-    given = one or other
-    assert given is not None
-    return one or selector.same_parts(given), other or selector.same_parts(given)
+    one, other = selections
+    named = one or other
+    assert named is not None
+    return one or selector.same_parts(named), other or selector.same_parts(named)
 
 
 def _named(sides: tuple[GeomSelection, GeomSelection], selector: GeomSelector) -> Matrix:
@@ -306,9 +306,9 @@ def _ignored(config: ContactsConfig, selector: GeomSelector) -> Matrix:
     """
     ignored = np.zeros((len(selector.part),) * 2, dtype=bool)
     with Faults() as faults:
-        for i, each in enumerate(config.ignored):
+        for i, rule in enumerate(config.ignored):
             with faults.below(*_IGNORED, i):
-                first, second = _sides(each.between, selector)
+                first, second = _sides(rule.between, selector)
                 pairs = first.geoms[:, None] & second.geoms[None, :]
                 if first.is_all or second.is_all:
                     pairs &= selector.part[:, None] != selector.part[None, :]
@@ -318,13 +318,13 @@ def _ignored(config: ContactsConfig, selector: GeomSelector) -> Matrix:
 
 def _winners(stated: Sequence[_Stated], ignored: Matrix) -> tuple[ContactRule, ...]:
     """The rules with the pairs that no later rule has."""
-    taken, rules = ignored.copy(), []
-    for each in reversed(stated):
-        left = each.pairs & ~taken
-        taken |= left | left.T
+    claimed, rules = ignored.copy(), []
+    for stated_rule in reversed(stated):
+        left = stated_rule.pairs & ~claimed
+        claimed |= left | left.T
         geoms = tuple((a, b) for a, b in np.argwhere(left).tolist())
-        rule, matched, lost = each.config, int(each.pairs.sum()), int((each.pairs & ignored).sum())
-        rules.append(ContactRule(rule.name, rule.between, each.restitution, each.mu, matched, lost, geoms))
+        rule, matched, lost = stated_rule.config, int(stated_rule.pairs.sum()), int((stated_rule.pairs & ignored).sum())
+        rules.append(ContactRule(rule.name, rule.between, stated_rule.restitution, stated_rule.mu, matched, lost, geoms))
     return tuple(reversed(rules))
 
 
@@ -359,7 +359,7 @@ def _refuse_ineffective(rules: Sequence[ContactRule], pairs: Sequence[ContactPai
                     rule.ignored < rule.matched
                 )
                 faults.add(f"has no effect: every pair that it names is in {' or '.join(takers)}", *_RULES, i)
-        for i, rule in enumerate(rules if not faults.found else ()):
+        for i, rule in enumerate(rules if not faults.collected else ()):
             others = {other.name for other in rules[:i]} | {pair.name for pair in pairs if pair.rule != rule.name}
             if rule.name in others:
                 message = f"another rule or pair has the name {rule.name!r}; give this rule a name of its own"
@@ -372,11 +372,11 @@ def refuse_undetectable(system: System, data: Any, contacts: Contacts) -> None:
     Raises:
         ScenarioFaults: There is such a pair.
     """
-    names = [each.name for each in contacts.rules]
+    names = [contact_rule.name for contact_rule in contacts.rules]
     with Faults() as faults:
-        for found in (_unbounded(system, data, contacts), overlapping(system, data, contacts)):
+        for failures in (_unbounded(system, data, contacts), overlapping(system, data, contacts)):
             by_rule: dict[str, list[str]] = {}
-            for pair, message in found:
+            for pair, message in failures:
                 by_rule.setdefault(pair.rule, []).append(message)
             for rule, messages in by_rule.items():
                 place = ("contacts",) if contacts.is_default else ("contacts", "rules", names.index(rule))

@@ -61,15 +61,15 @@ def _target_motion(
     Raises:
         ScenarioFaults: There is no such site to follow, or it is of the robot or of an object that may be grasped.
     """
-    given = config.trajectory
-    if given is None:
+    trajectory = config.trajectory
+    if trajectory is None:
         return None
-    if given.site is not None:
+    if trajectory.site is not None:
         with faults_below("task", "trajectory", "site"):
-            site = _target_site(given.site, scenario, system)
-        return SiteTarget(MovingFrame(system.mj, site, np.array(given.offset_m)), axes)
-    waypoints = given.waypoints or ()
-    times = [given.start_s, *(waypoint.at_s for waypoint in waypoints)]
+            site = _target_site(trajectory.site, scenario, system)
+        return SiteTarget(MovingFrame(system.mj, site, np.array(trajectory.offset_m)), axes)
+    waypoints = trajectory.waypoints or ()
+    times = [trajectory.start_s, *(waypoint.at_s for waypoint in waypoints)]
     return PathMotion(times, np.array([config.target_m, *(waypoint.position_m for waypoint in waypoints)]))
 
 
@@ -121,9 +121,11 @@ def _place(system: System, element: str) -> str:
     model, _, short = full.partition("/")
     files = system.files.get(model)
     if files is None:
-        return " and ".join(each.place for each in system.files.values())
+        return " and ".join(file.place for file in system.files.values())
     tags = {"joint": ("joint", "freejoint"), "actuator": ("motor", "general")}.get(kind, ())
-    named = (each.place for each in files.elements() if each.tag in tags and each.attributes.get("name") == short)
+    named = (
+        declared.place for declared in files.elements() if declared.tag in tags and declared.attributes.get("name") == short
+    )
     return next(named, files.place)
 
 
@@ -137,7 +139,7 @@ def refuse_telemetry(phases: Sequence[Phase]) -> None:
     with Faults() as faults:
         for i, phase in enumerate(phases):
             fault = signals_fault(phase.controller.telemetry_signals)
-            for name, law in () if fault else phase.held.items():
+            for name, law in () if fault else phase.by_grasp.items():
                 if tuple(law.telemetry_signals) != tuple(phase.controller.telemetry_signals):
                     fault = f"it reports other signals while {name!r} is closed than before"
             for signal in () if fault else phase.controller.telemetry_signals:
@@ -246,20 +248,20 @@ def build_phases(
     """
     classes = ChainMap(dict(laws), kinds().classes)
     phases, names, system = [], [config.name for config in scenario.phases], context.system
-    objects = {each.name: each.tree for each in grasps_of(scenario, system) if is_of_robot(system, each)}
+    objects = {candidate.name: candidate.tree for candidate in grasps_of(scenario, system) if is_of_robot(system, candidate)}
     with Faults() as faults:
         for i, config in enumerate(scenario.phases):
-            known, tables, made = len(faults.found), recorded.of_phase(i), dict[str, Any]()
+            known, tables, by_grasp = len(faults.collected), recorded.of_phase(i), dict[str, Any]()
             for grasp, where in {"": context, **grasped}.items():
                 with faults.below("phases", i, prefix=f"while {grasp!r} is closed: " if grasp else ""):
-                    made[grasp] = _law(config, classes, where, tables)
-                if len(faults.found) > known:
+                    by_grasp[grasp] = _law(config, classes, where, tables)
+                if len(faults.collected) > known:
                     break
             else:
                 with faults.below("phases", i):
-                    controller = made.pop("")
+                    controller = by_grasp.pop("")
                     endings = phase_endings(config, names, controller, context, objects)
-                    phases.append(Phase(config.name, config.kind, controller, endings, config.arm, config.release, made))
+                    phases.append(Phase(config.name, config.kind, controller, endings, config.arm, config.release, by_grasp))
     refuse_telemetry(phases)
     return phases
 
@@ -278,7 +280,7 @@ def refuse_start(phase: Phase, config: PhaseConfig, data: Any) -> None:
     with Faults() as faults:
         for keys, law in zip(config.laws, laws_of(phase.controller), strict=True):
             for fault in _start_faults(law, data):
-                faults.found.append(replace(fault, path=("phases", 0, *keys, *fault.path)))
+                faults.collected.append(replace(fault, path=("phases", 0, *keys, *fault.path)))
 
 
 def _start_faults(law: Controller, data: Any) -> Sequence[Fault]:
@@ -299,20 +301,20 @@ def _law(config: PhaseConfig, classes: Mapping[str, Any], context: ControllerCon
         ScenarioFaults: See :func:`build_phases`; paths in the phase.
     """
     if config.controllers is None:
-        return _made(classes, config.controller, context, ("controller",), tables)
-    made: dict[str, Any] = {}
+        return _built(classes, config.controller, context, ("controller",), tables)
+    by_name: dict[str, Any] = {}
     owners: dict[int, str] = {}
     for name, part in sorted(config.controllers.items(), key=lambda item: _leaves_joints_out(item[1])):
         path = ("controllers", name)
-        own = replace(_context_of_part(config, name, context), reserved=frozenset(owners))
-        law = _made(classes, part, own, path, tables)
+        part_context = replace(_context_of_part(config, name, context), reserved=frozenset(owners))
+        law = _built(classes, part, part_context, path, tables)
         if fault := signals_fault(law.telemetry_signals):
             raise ScenarioFaults([Fault(f"telemetry of kind {part.kind!r}: {fault}", (*path, "kind"))])
         claims = claims_of(law)
         _refuse_second_claims(context.system, name, claims, owners)
         owners |= dict.fromkeys(claims, name)
-        made[name] = law
-    laws = {name: (part.kind, made[name]) for name, part in config.controllers.items()}
+        by_name[name] = law
+    laws = {name: (part.kind, by_name[name]) for name, part in config.controllers.items()}
     return Parts(laws, context.system.names("actuator"))
 
 
@@ -331,7 +333,7 @@ def _context_of_part(config: PhaseConfig, part: str, context: ControllerContext)
     return replace(context, system=system.for_law_of(name), task=None)
 
 
-def _made(
+def _built(
     classes: Mapping[str, Any], config: Any, context: ControllerContext, path: tuple[str, ...], tables: PhaseTables
 ) -> Controller:
     """One control law.
@@ -339,7 +341,7 @@ def _made(
     Raises:
         ScenarioFaults: It cannot be made; paths in the phase.
     """
-    with made_by_plugin("controller", *path):
+    with plugin_errors("controller", *path):
         law: Controller = classes[config.kind](config, replace(context, recorded=tables.get(path, {})))
         unknown = [i for i in claims_of(law) if not 0 <= i < context.system.mj.nu]
     if unknown:
@@ -349,7 +351,7 @@ def _made(
 
 
 @contextmanager
-def made_by_plugin(what: str, *path: str) -> Iterator[None]:
+def plugin_errors(what: str, *path: str) -> Iterator[None]:
     """Context in which a law or an estimator is made: whatever the code of a plug-in raises is a fault of its section.
 
     Raises:

@@ -12,7 +12,7 @@ import numpy as np
 from ffsm_controllers.estimators import estimators
 from ffsm_controllers.phases import Phase, PhaseMachine
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.assembly.control_laws import made_by_plugin, signals_fault
+from ffsm_mj.assembly.control_laws import plugin_errors, signals_fault
 from ffsm_mj.assembly.controller_model import ControllerModel
 from ffsm_mj.contact_models.grasp.latch_joints import LatchJoints
 from ffsm_mj.controller_protocol import Command, ControllerContext, ControllerError, Estimator, LawInCore, Observation
@@ -25,7 +25,7 @@ from ffsm_mj.records.signals import Signal, coordinate_keys, rate_keys, unit_of
 from ffsm_mj.state import entries, fitting
 from ffsm_mj.unchanging import with_state
 
-_TOLD = ("event", "time_s", "step", "pair", "geoms", "joint", "rule", "grasp")
+_MEASURED = ("event", "time_s", "step", "pair", "geoms", "joint", "rule", "grasp")
 """Fields of an event record that a robot may be told of."""
 
 
@@ -54,7 +54,9 @@ class EstimatePhaseMachine(PhaseMachine):
         super().__init__(phases)
         self._estimator, self._kind, self._model, self._started = estimator, kind, model, False
         self._stateful = with_state(estimator, f"the estimator {kind!r}")
-        self._grasped = {name: _GraspedEstimate(system, each, its) for name, (each, its) in grasped.items()}
+        self._grasped = {
+            name: _GraspedEstimate(system, grasped_system, its) for name, (grasped_system, its) in grasped.items()
+        }
         self._columns_of_estimate = EstimateColumns(system)
         reports = tuple(estimator.telemetry_signals)
         self._reports = np.full(len(reports), np.nan)
@@ -88,8 +90,8 @@ class EstimatePhaseMachine(PhaseMachine):
             self._estimator.start(data)
         self._stateful.set_state(kept["estimator"])
         super().set_state(kept["phases"], observation, replaced)
-        for own, values in zip((self._reports, self._columns_of_estimate.values), kept["columns"], strict=True):
-            own[:] = fitting(values, own.shape, "columns of the estimate")
+        for columns, values in zip((self._reports, self._columns_of_estimate.values), kept["columns"], strict=True):
+            columns[:] = fitting(values, columns.shape, "columns of the estimate")
 
     def control(self, observation: Observation, command: Command) -> None:
         """Update the estimate, change the phase if it has ended, then evaluate its control law."""
@@ -102,7 +104,7 @@ class EstimatePhaseMachine(PhaseMachine):
         attached = observation.attached
         data = self._grasped[attached].show(self._model) if attached else free
         self._columns_of_estimate.compare(free, observation.free)
-        events = tuple(told(event) for event in observation.events)
+        events = tuple(without_solution(event) for event in observation.events)
         measured = observation.measured
         return Observation(observation.time_s, data, events, observation.at_tick, (), free, observation.grasps, measured)
 
@@ -137,7 +139,7 @@ class EstimatePhaseMachine(PhaseMachine):
         if not self._started:
             self._started = True
             self._estimator.start(data)
-        events = tuple(told(event) for event in observation.events)
+        events = tuple(without_solution(event) for event in observation.events)
         self._estimator.update(observation.time_s, observation.measured, events, data)
         if not len(self._reports):
             return self._reports
@@ -219,19 +221,19 @@ def _error_name(rate: str, turns: bool) -> str:
     raise ValueError(rate)
 
 
-def told(record: Any) -> Any:
+def without_solution(record: Any) -> Any:
     """What a robot is told of an event: its class, time and pair; other numbers are NaN, other fields empty."""
     if not isinstance(record, ImpactRecord):
         return record
     hidden: dict[str, Any] = {}
-    for each in fields(record):
-        value = getattr(record, each.name)
-        if each.name not in _TOLD:
-            hidden[each.name] = np.nan if isinstance(value, float) else type(value)()
+    for field in fields(record):
+        value = getattr(record, field.name)
+        if field.name not in _MEASURED:
+            hidden[field.name] = np.nan if isinstance(value, float) else type(value)()
     return replace(record, **hidden)
 
 
-def make_estimator(config: Any, context: ControllerContext, own: Mapping[str, Any]) -> Estimator:
+def make_estimator(config: Any, context: ControllerContext, classes: Mapping[str, Any]) -> Estimator:
     """The estimator of a scenario; ``own`` are those of a script, classes by kind.
 
     Raises:
@@ -241,14 +243,16 @@ def make_estimator(config: Any, context: ControllerContext, own: Mapping[str, An
     if reason := known.broken.get(config.kind):
         message = f"the plugin for kind {config.kind!r} cannot be used ({reason})"
         raise ScenarioFaults([Fault(message, ("estimator", "kind"))])
-    with made_by_plugin("estimator", "estimator"):
-        made: Estimator = (own.get(config.kind) or known.classes[config.kind])(config, context)
-    if fault := signals_fault(made.telemetry_signals, "estimate") or _taken(made.telemetry_signals, context.system):
+    with plugin_errors("estimator", "estimator"):
+        estimator: Estimator = (classes.get(config.kind) or known.classes[config.kind])(config, context)
+    if fault := signals_fault(estimator.telemetry_signals, "estimate") or _reserved(
+        estimator.telemetry_signals, context.system
+    ):
         raise ScenarioFaults([Fault(f"telemetry of kind {config.kind!r}: {fault}", ("estimator", "kind"))])
-    return made
+    return estimator
 
 
-def _taken(signals: Sequence[Signal], system: System) -> str:
+def _reserved(signals: Sequence[Signal], system: System) -> str:
     """Which of these signals has the name of a column that every estimate has; empty if none has."""
-    own = {signal.key for signal in EstimateColumns(system).signals}
-    return next((f"{signal.key} is a column of the estimate itself" for signal in signals if signal.key in own), "")
+    reserved = {signal.key for signal in EstimateColumns(system).signals}
+    return next((f"{signal.key} is a column of the estimate itself" for signal in signals if signal.key in reserved), "")

@@ -74,7 +74,7 @@ def _link_site(system: System, name: str, sites: Mapping[str, str]) -> str:
     try:
         return _site(system, name, [system.robot])
     except LookupError:
-        matches = [each for each in system.names("site") if name in (each, each.split("/", 1)[-1])]
+        matches = [site for site in system.names("site") if name in (site, site.split("/", 1)[-1])]
         tree = _tree(system, matches[0]) if len(matches) == 1 else None
         if "object_site" in sites and tree in system.objects and tree is not _tree(system, sites["object_site"]):
             return matches[0]
@@ -100,7 +100,7 @@ def _site(system: System, name: str, whose: list[Tree]) -> str:
     Raises:
         LookupError: An unknown site, or a site of another model.
     """
-    sites = [each for each in system.names("site") if _tree(system, each) in whose]
+    sites = [candidate for candidate in system.names("site") if _tree(system, candidate) in whose]
     side = "the robot" if system.robot in whose else "a floating object"
     message = unknown_name(f"site of {side}", name, sites) if sites else f"no site of {side} is in its model; add one"
     try:
@@ -122,7 +122,7 @@ def _on_base(system: System, site: str, tree: Tree) -> bool:
     return bool(weld[int(system.mj.site(site).bodyid[0])] == weld[tree.root])
 
 
-def held_systems(
+def grasped_systems_of(
     scenario: ScenarioConfig, system: System, compiled: Callable[[Grasp, bool], System]
 ) -> Mapping[str, GraspedSystem]:
     """Compile the systems with grasped objects, by the name of the grasp; none for grasps that rows alone hold.
@@ -135,22 +135,22 @@ def held_systems(
     Raises:
         ScenarioFaults: An object that cannot be held.
     """
-    found = {}
+    systems = {}
     with Faults() as faults:
-        for grasp in [each for each in grasps_of(scenario, system) if attaches(system, each)]:
-            held = compiled(grasp, False)
+        for grasp in [attaching for attaching in grasps_of(scenario, system) if attaches(system, attaching)]:
+            grasped = compiled(grasp, False)
             with faults.below("grasps", grasp.name, "object_site"):
-                check_grasped_system(system, held, grasp)
+                check_grasped_system(system, grasped, grasp)
             controller_system = compiled(grasp, True) if scenario.has_controller_model else None
-            found[grasp.name] = GraspedSystem(grasp, held, controller_system)
-    return found
+            systems[grasp.name] = GraspedSystem(grasp, grasped, controller_system)
+    return systems
 
 
 def grasp_models_of(
     scenario: ScenarioConfig,
     scene: Scene,
     free: Motion,
-    held: Mapping[str, GraspedSystem],
+    grasped_systems: Mapping[str, GraspedSystem],
     others: Sequence[ForceSource],
     friction: JointFriction | None,
 ) -> tuple[LoopForces | None, GraspModel | None]:
@@ -162,7 +162,7 @@ def grasp_models_of(
         scenario: What is asked for.
         scene: The system that is logged.
         free: Its motion.
-        held: Systems in which objects are held, with models of the run's own.
+        grasped_systems: Systems in which objects are held, with models of the run's own.
         others: Who may push what is held.
         friction: Dry friction of joints, with its rows; None: there is none.
     """
@@ -172,7 +172,7 @@ def grasp_models_of(
     if not scenario.grasps:
         return (loops if friction is not None or scene.system.equalities else None), None
     grasps = [
-        (grasp, scenario.grasps[grasp.name], held[grasp.name].system if grasp.name in held else None)
+        (grasp, scenario.grasps[grasp.name], grasped_systems[grasp.name].system if grasp.name in grasped_systems else None)
         for grasp in grasps_of(scenario, scene.system)
     ]
     return loops, GraspModel(scene, free, grasps, loops, others)

@@ -60,7 +60,9 @@ def close_loops(system: System, data: Any, joints: Mapping[str, Any], rates: Map
     equalities = equalities_of(system.mj)
     if not equalities:
         return ()
-    start = _Start(system, data, ClosedLoops(system.mj, data, [each.source for each in equalities], rank=MECHANISM_RANK))
+    start = _Start(
+        system, data, ClosedLoops(system.mj, data, [equality.source for equality in equalities], rank=MECHANISM_RANK)
+    )
     named = {system.joint(name).name: name for name in joints}
     notes = [*start.close(named), *start.match_rates({system.joint(name).name for name in rates})]
     mujoco.mj_forward(system.mj, data)
@@ -72,7 +74,7 @@ class _Start:
 
     def __init__(self, system: System, data: Any, loops: ClosedLoops) -> None:
         self._system, self._model, self._data, self._loops = system, system.mj, data, loops
-        self._latches = [each for each in loops.sources if isinstance(each, LatchedBodies)]
+        self._latches = [source for source in loops.sources if isinstance(source, LatchedBodies)]
         self._closed = _CLOSED * (1.0 + float(np.abs(data.xpos).max()))
 
     def close(self, named: Mapping[str, str]) -> list[str]:
@@ -123,17 +125,17 @@ class _Start:
         Joints that would be beyond the end of their range stay there. Where the rows cannot be closed so, ranges do not
         count.
         """
-        data, start, held = self._data, self._data.qpos.copy(), dict[str, float]()
+        data, start, at_ends = self._data, self._data.qpos.copy(), dict[str, float]()
         while True:
             self._go_to(start)
-            for name, end in held.items():
+            for name, end in at_ends.items():
                 data.qpos[self._system.joints[name].qpos] = end
             self._go_to(data.qpos.copy())
-            left = self._newton(self._movable(held))
-            beyond = {name: end for name, end in self._beyond().items() if name not in held}
+            left = self._newton(self._movable(at_ends))
+            beyond = {name: end for name, end in self._beyond().items() if name not in at_ends}
             if not beyond or left > self._closed:
                 break
-            held |= beyond
+            at_ends |= beyond
         if left <= self._closed:
             return True
         self._go_to(start)
@@ -142,15 +144,15 @@ class _Start:
 
     def _beyond(self) -> dict[str, float]:
         """Hinges and slides in rows that are beyond their range, with its nearer end."""
-        model, found = self._model, dict[str, float]()
+        model, ends = self._model, dict[str, float]()
         movable = self._movable({})
         for name, joint in self._system.joints.items():
             j = model.joint(name).id
             if joint.kind in ("hinge", "slide") and model.jnt_limited[j] and movable[joint.dofs].any():
                 value, (low, high) = float(self._data.qpos[joint.qpos.start]), model.jnt_range[j].tolist()
                 if not low - self._closed <= value <= high + self._closed:
-                    found[name] = min(max(value, low), high)
-        return found
+                    ends[name] = min(max(value, low), high)
+        return ends
 
     def _newton(self, free: BoolArray) -> float:
         """Close the rows by some degrees of freedom as far as possible; returns what is left."""
@@ -271,7 +273,7 @@ class _Start:
 
     def _contradiction(self, named: Mapping[str, str], solved: FloatArray, left: float, fits: bool) -> Fault:
         """Fault of given coordinates, with the nearest ones that fit, within the ranges of joints or, if not, beyond."""
-        change = {name: float(np.abs(self._data.qpos[each] - solved[each]).max()) for name, each in self._places(named)}
+        change = {name: float(np.abs(self._data.qpos[place] - solved[place]).max()) for name, place in self._places(named)}
         path = ("initial", "joints", named[max(change, key=lambda name: change[name])]) if change else ("initial",)
         return Fault(
             f"the initial state is off {self._worst(solved)} by {left:.2g} m or rad; nearest values that fit"

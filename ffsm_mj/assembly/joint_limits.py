@@ -49,13 +49,13 @@ def redundant_ends(model: Any) -> frozenset[End]:
         for joint, (low, high) in zip(joints, model.jnt_range[joints], strict=True)
     }
     dropped = set[End]()
-    for coupling in _followers_first([each.source for each in equalities_of(model)]):
+    for coupling in _followers_first([equality.source for equality in equalities_of(model)]):
         follower = int(model.dof_jntid[coupling.follower])
         of_follower = ends.pop(follower, None)
         if of_follower is None:
             continue
         if coupling.leader is None:
-            dropped |= {each for each in of_follower.owners if each is not None}
+            dropped |= {owner for owner in of_follower.owners if owner is not None}
             continue
         leader = int(model.dof_jntid[coupling.leader])
         of_leader = ends.get(leader, _Ends((-math.inf, math.inf), (None, None)))
@@ -63,16 +63,16 @@ def redundant_ends(model: Any) -> frozenset[End]:
         if merged is not None:
             before = {*of_leader.owners, *of_follower.owners}
             ends[leader] = merged
-            dropped |= {each for each in before - {*merged.owners} if each is not None}
+            dropped |= {owner for owner in before - {*merged.owners} if owner is not None}
     return frozenset(dropped)
 
 
 def _followers_first(sources: Sequence[Any]) -> list[JointCoupling]:
     """Couplings of joints, each after those by which its follower leads other joints; of a circle, in the given order."""
-    left, ordered = [each for each in sources if isinstance(each, JointCoupling)], list[JointCoupling]()
+    left, ordered = [source for source in sources if isinstance(source, JointCoupling)], list[JointCoupling]()
     while left:
-        leading = {each.leader for each in left}
-        ready = next((each for each in left if each.follower not in leading), left[0])
+        leading = {coupling.leader for coupling in left}
+        ready = next((coupling for coupling in left if coupling.follower not in leading), left[0])
         left.remove(ready)
         ordered.append(ready)
     return ordered
@@ -81,9 +81,9 @@ def _followers_first(sources: Sequence[Any]) -> list[JointCoupling]:
 def _merged(law: Polynomial, leader: _Ends, follower: _Ends) -> _Ends | None:
     """Tighter ends of both ranges in the coordinate that leads; None if the law is not monotone there."""
     slopes = np.polynomial.Polynomial(law.coefficients).deriv()
-    low, high = (each - law.leader_zero for each in leader.values)
-    roots = [float(each.real) for each in slopes.roots().astype(complex) if abs(each.imag) < _TIE]
-    if any(low < each < high for each in roots) or not any(law.coefficients[1:]):
+    low, high = (value - law.leader_zero for value in leader.values)
+    roots = [float(root.real) for root in slopes.roots().astype(complex) if abs(root.imag) < _TIE]
+    if any(low < root < high for root in roots) or not any(law.coefficients[1:]):
         return None
     at = law.leader_zero + (0.0 if math.isinf(low) and math.isinf(high) else _inside(low, high))
     rises = law.at(at)[1] > 0.0
@@ -151,7 +151,7 @@ def joint_limits(scenario: ScenarioConfig, system: System) -> tuple[JointLimit, 
         for tendon in np.flatnonzero(system.mj.tendon_limited).tolist()
         for side in _SIDES
     )
-    kept = {each.joint for each in limits}
+    kept = {limit.joint for limit in limits}
     with Faults() as faults:
         for name in scenario.joint_limits:
             if system.limited(name)[0] not in kept:
@@ -166,14 +166,14 @@ def refuse_outside(scenario: ScenarioConfig, system: System, data: Any, limits: 
     Raises:
         ScenarioFaults: There is such a joint.
     """
-    given = {system.joint(name).name: name for name in scenario.initial.joints}
+    keys = {system.joint(name).name: name for name in scenario.initial.joints}
     with Faults() as faults:
-        for limit in (each for each in limits if each.gap(system.mj, data, 0.0) < -CONTACT_GAP_M):
+        for limit in (candidate for candidate in limits if candidate.gap(system.mj, data, 0.0) < -CONTACT_GAP_M):
             of_tendon, (low, high) = isinstance(limit, TendonLimit), limit.range
             message = f"{'tendon' if of_tendon else 'joint'} {limit.joint} starts at {limit.value(data):.6g} {limit.unit}"
             outside = f"{message}, outside its limits of {low:.6g} to {high:.6g} {limit.unit}"
             hint = _degrees_hint(limit.value(data), low, high) if limit.unit == "rad" and not of_tendon else ""
-            faults.add(outside + hint, "initial", *(("joints", given[limit.joint]) if limit.joint in given else ()))
+            faults.add(outside + hint, "initial", *(("joints", keys[limit.joint]) if limit.joint in keys else ()))
 
 
 def _degrees_hint(value: float, low: float, high: float) -> str:

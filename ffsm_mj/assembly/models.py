@@ -8,7 +8,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from ffsm_mj.assembly.grasps import GraspedSystem, held_systems
+from ffsm_mj.assembly.grasps import GraspedSystem, grasped_systems_of
 from ffsm_mj.errors import Faults
 from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.edits import AddedSite, motors_of, to_strip
@@ -48,7 +48,7 @@ def compile_scenario(
     with source.locating():
         system = _compiled(scenario, files, "model")
         controller_model = _compiled(scenario, files, *_CONTROLLER_MODEL) if scenario.has_controller_model else None
-        grasped = held_systems(
+        grasped = grasped_systems_of(
             scenario,
             system,
             lambda grasp, of_controller: _compiled(
@@ -67,9 +67,9 @@ def _compiled(scenario: ScenarioConfig, files: Mapping[str, ModelFiles], *keys: 
     """
     changed = {
         name: replace(
-            each, overrides=tuple(Overrides(key, found) for key in keys if (found := getattr(scenario, key).get(name)))
+            file, overrides=tuple(Overrides(key, patch) for key in keys if (patch := getattr(scenario, key).get(name)))
         )
-        for name, each in files.items()
+        for name, file in files.items()
     }
     robot = changed.pop("robot")
     if scenario.has_rigid_laws and keys == _CONTROLLER_MODEL:
@@ -108,8 +108,8 @@ def model_files(scenario: ScenarioConfig, source: YamlSource, read: Reader = rea
                     if not os.path.isdir(folder):
                         faults.add(f"no such folder: {folder}", *keys, key, i)
             # A reader keeps files, which those in memory are already.
-            own = partial(read, path) if inline is None else partial(read_model, path, given=inline.files(path.name))
-            readers[keys[-1]] = partial(own, *folders)
+            reader = partial(read, path) if inline is None else partial(read_model, path, contents=inline.files(path.name))
+            readers[keys[-1]] = partial(reader, *folders)
     parts = {keys[-1]: part for keys, part in models.items()}
     kinds = {name: config.kind for name, config in scenario.actuators.items()}
     poses = {name: part.fixed_at for name, part in scenario.objects.items()}

@@ -106,8 +106,8 @@ def mesh_notes(contacts: Contacts, system: System) -> Iterator[str]:
     """Notes on meshes in contacts, which collide as their convex hulls; takes up to a second for a large mesh."""
     model = system.mj
     geoms = sorted({geom for pair in contacts.pairs for geom in pair.geom_ids})
-    found = [(hull_offset(model, geom), system.mj.geom(geom).name) for geom in geoms]
-    offsets = sorted(((offset, name) for offset, name in found if offset > _SHOWN_M), reverse=True)
+    depths = [(hull_offset(model, geom), system.mj.geom(geom).name) for geom in geoms]
+    offsets = sorted(((offset, name) for offset, name in depths if offset > _SHOWN_M), reverse=True)
     for offset, name in offsets[:_MOST_MESHES]:
         yield f"{name} collides as the convex hull of its mesh, up to {1e3 * offset:.3g} mm off its triangles"
     if len(offsets) > _MOST_MESHES:
@@ -129,11 +129,11 @@ def disarmed_pairs(assembly: Assembly) -> Iterator[str]:
             for name, pairs in contact_model.disarmed.items():
                 if not pairs:
                     continue
-                found = [pair.name for pair in assembly.pairs if pair.geom_ids in pairs]
-                others = len(pairs) - len(found)
+                names = [pair.name for pair in assembly.pairs if pair.geom_ids in pairs]
+                others = len(pairs) - len(names)
                 yield (
                     f"while {name!r} is closed, {len(pairs)} pairs of geoms are on one rigid body and cannot meet: "
-                    f"{', '.join([*found, *([f'{others} without a contact rule'] if others else [])]) or 'none'}"
+                    f"{', '.join([*names, *([f'{others} without a contact rule'] if others else [])]) or 'none'}"
                 )
 
 
@@ -166,7 +166,7 @@ def _mechanism_lines(assembly: Assembly) -> list[str]:
 
 def _equalities(assembly: Assembly) -> ClosedLoops | None:
     system = assembly.system
-    sources = [each.source for each in equalities_of(system.mj)]
+    sources = [equality.source for equality in equalities_of(system.mj)]
     return ClosedLoops(system.mj, assembly.data, sources, rank=MECHANISM_RANK) if sources else None
 
 
@@ -205,12 +205,12 @@ def friction_notes(assembly: Assembly) -> Iterator[str]:
 
 def _together(assembly: Assembly) -> list[list[Grasp]]:
     """Grasps of one object by different sites, the first one of the same two sites each."""
-    found: dict[str, list[Grasp]] = {}
+    by_object: dict[str, list[Grasp]] = {}
     for grasp in grasps_of(assembly.scenario, assembly.system):
-        others = found.setdefault(grasp.tree, [])
-        if not any(grasp.joins_sites_of(each) for each in others):
+        others = by_object.setdefault(grasp.tree, [])
+        if not any(grasp.joins_sites_of(other) for other in others):
             others.append(grasp)
-    return [grasps for grasps in found.values() if len(grasps) > 1]
+    return [grasps for grasps in by_object.values() if len(grasps) > 1]
 
 
 def _loops(assembly: Assembly, grasps: list[Grasp]) -> ClosedLoops:
@@ -252,17 +252,17 @@ def unstable_damping(assembly: Assembly) -> Iterator[str]:
 def _damping(law: Controller, data: Any) -> _Damping | None:
     """Damping of a law or of all parts of a phase; None without any."""
     laws = {f"{part.name}.": part.law for part in law.parts} if isinstance(law, Parts) else {"": law}
-    given = {prefix: each.damping_at(data) for prefix, each in laws.items() if isinstance(each, Damps)}
-    found = {prefix: damping for prefix, damping in given.items() if damping is not None}
-    if not found:
+    optional = {prefix: controller.damping_at(data) for prefix, controller in laws.items() if isinstance(controller, Damps)}
+    dampings = {prefix: damping for prefix, damping in optional.items() if damping is not None}
+    if not dampings:
         return None
-    matrix = np.zeros((sum(len(each.dofs) for each in found.values()),) * 2)
+    matrix = np.zeros((sum(len(one.dofs) for one in dampings.values()),) * 2)
     keys: list[str] = []
-    for prefix, each in found.items():
-        block = slice(len(keys), len(keys) + len(each.dofs))
-        matrix[block, block] = each.matrix
-        keys += [prefix + each.key] * len(each.dofs)
-    dofs, gains = (np.concatenate([getattr(each, name) for each in found.values()]) for name in ("dofs", "gains"))
+    for prefix, one in dampings.items():
+        block = slice(len(keys), len(keys) + len(one.dofs))
+        matrix[block, block] = one.matrix
+        keys += [prefix + one.key] * len(one.dofs)
+    dofs, gains = (np.concatenate([getattr(one, name) for one in dampings.values()]) for name in ("dofs", "gains"))
     return _Damping(keys, dofs, gains, matrix)
 
 
@@ -271,8 +271,8 @@ def _instability(assembly: Assembly, damping: _Damping) -> str:
     system, data, period = assembly.system, assembly.data, assembly.scenario.control_period_s
     dofs = damping.dofs
     if assembly.compiled.controller_system is not None:  # a law may not know all joints of the plant
-        own, its = shared_joints(assembly.compiled.controller_system, system).dofs
-        dofs = its[np.argsort(own)][dofs]
+        in_controller, its = shared_joints(assembly.compiled.controller_system, system).dofs
+        dofs = its[np.argsort(in_controller)][dofs]
     # This part of M^-1 is the inverse of M_c, the mass matrix of these dofs with all others floating.
     answers = np.empty((len(dofs), system.mj.nv))
     ConstrainedModel(system.mj).respond(data, np.eye(system.mj.nv)[dofs], answers)
@@ -327,17 +327,22 @@ def initial_lines(assembly: Assembly) -> list[str]:
     """Poses of sites, targets and centres of mass at t = 0, one line each, in world axes; and the reach of the arm."""
     system, data = assembly.system, assembly.data
     tips = _tips(assembly)
-    rows = [
-        (f"{'tip' if site in tips else 'site'} {system.mj.site(site).name}", data.site_xpos[site], _quaternion(data, site))
+    sites = [
+        (f"{'tip ' if site in tips else ''}{system.mj.site(site).name}", data.site_xpos[site], _quaternion(data, site))
         for site in sorted(range(system.mj.nsite), key=lambda site: site not in tips)
     ]
-    rows += [(point.name, point.point_m, "") for point in (*_targets(assembly), *_centres(system, data))]
-    width = max(len(name) for name, *_ in rows)
+    points = [(point.name, point.point_m, "") for point in (*_targets(assembly), *_centres(system, data))]
     return [
-        "  at t = 0 in world axes: x y z in m, quaternion w x y z",
-        *(f"    {name:<{width}}  {_numbers(point, '8.4f')}  {turn}".rstrip() for name, point, turn in rows),
+        *(["  sites at t = 0, world axes: x y z in m, quaternion w x y z", *_aligned(sites)] if sites else []),
+        "  points at t = 0, world axes: x y z in m",
+        *_aligned(points),
         *(f"  {_reach_line(reach)}" for reach in _reaches(assembly)),
     ]
+
+
+def _aligned(rows: Sequence[tuple[str, FloatArray, str]]) -> list[str]:
+    width = max((len(name) for name, *_ in rows), default=0)
+    return [f"    {name:<{width}}  {_numbers(point, '8.4f')}  {turn}".rstrip() for name, point, turn in rows]
 
 
 def initial_notes(assembly: Assembly) -> Iterator[str]:
@@ -378,8 +383,8 @@ def _tips(assembly: Assembly) -> list[int]:
 
 
 def _reaches(assembly: Assembly) -> list[Reach]:
-    found = (reach_of(assembly.system, assembly.data, site) for site in _tips(assembly))
-    return [reach for reach in found if reach is not None]
+    reaches = (reach_of(assembly.system, assembly.data, site) for site in _tips(assembly))
+    return [reach for reach in reaches if reach is not None]
 
 
 def _targets(assembly: Assembly) -> Iterator[NamedPoint]:
@@ -446,7 +451,7 @@ def describe(assembly: Assembly) -> list[str]:
     lines = [
         f"{scenario.name}: valid",
         *(f"  {tree.name}: bodies {len(tree.bodies)}, dofs {tree.dofs.stop - tree.dofs.start}" for tree in system.trees),
-        *(f"  {each.name}: fixed, bodies {len(each.bodies)}" for each in system.fixed),
+        *(f"  {body.name}: fixed, bodies {len(body.bodies)}" for body in system.fixed),
         *(f"  {line}" for line in rule_lines(assembly.contacts)),
         *_limited_joints(assembly.limits),
         *spring_lines(scenario, system, assembly.data),
@@ -480,10 +485,10 @@ def _sensors(assembly: Assembly) -> list[str]:
     if sampler is None:
         return []
     lines = [
-        f"    {each.name}: {each.model.kind}, every {each.interval_s:g} s"
-        + _lateness(each)
-        + (", nothing arrives within the run" if _never_arrives(each, assembly.scenario.duration_s) else "")
-        for each in sampler.by_name.values()
+        f"    {sensor.name}: {sensor.model.kind}, every {sensor.interval_s:g} s"
+        + _lateness(sensor)
+        + (", nothing arrives within the run" if _never_arrives(sensor, assembly.scenario.duration_s) else "")
+        for sensor in sampler.by_name.values()
     ]
     return [f"  sensors (estimator {assembly.scenario.estimator.kind})", *lines]
 
@@ -528,8 +533,8 @@ def _dry_friction(system: System) -> list[str]:
     if on is None:
         return []
     kinds = ["joint"] * len(on.dofs) + ["tendon"] * len(on.tendons)
-    each = zip(kinds, on.names, on.limits, on.units, strict=True)
+    rows = zip(kinds, on.names, on.limits, on.units, strict=True)
     return [
         "  dry friction",
-        *(f"    {kind} {name}: {limit:.4g} {force_unit(unit)}" for kind, name, limit, unit in each),
+        *(f"    {kind} {name}: {limit:.4g} {force_unit(unit)}" for kind, name, limit, unit in rows),
     ]

@@ -22,7 +22,7 @@ _LONG_REST_S = 1.0
 def orbit_lines(assembly: Assembly) -> list[str]:
     """Lines of ``ffsm check`` on the orbit and the other fields; none without any."""
     around = assembly.scenario.environment
-    kinds = [each.kind for each in around.fields] if around is not None else []
+    kinds = [field.kind for field in around.fields] if around is not None else []
     if around is None or around.orbit is None:
         return [f"external fields ({', '.join(kinds)}): their impulse and work enter the balance"] if kinds else []
     orbit, name = Orbit.of(around.orbit, around.world_axes), around.orbit.body
@@ -71,12 +71,12 @@ def orbit_notes(assembly: Assembly) -> Iterator[str]:
             "what is left out of the field, such as higher harmonics, grows with it; put the origin near what meets"
         )
     if system.fixed:
-        names = ", ".join(each.name for each in system.fixed)
+        names = ", ".join(model.name for model in system.fixed)
         yield (
             f"{names}: fixed objects keep their attitude in the world axes, which do not rotate, and are held against the "
             f"tide; they turn by {math.degrees(orbit.rate_rad_s):.3g} deg/s relative to LVLH; let a station float"
         )
-    speeds = [np.linalg.norm(data.qvel[each.dofs][:3]) for each in system.joints.values() if each.kind == "free"]
+    speeds = [np.linalg.norm(data.qvel[joint.dofs][:3]) for joint in system.joints.values() if joint.kind == "free"]
     if max(speeds, default=0.0) > _FAST_M_S:
         yield f"a body moves at {max(speeds):.4g} m/s relative to the origin of the orbit; is it a velocity in other axes?"
     period_s, orbital = 2.0 * math.pi / orbit.rate_rad_s, around.orbit

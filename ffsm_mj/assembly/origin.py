@@ -81,13 +81,13 @@ class Origin:
             KeyboardInterrupt: It was interrupted.
         """
         if not self._start:
-            self._start.append(self._made_again())
+            self._start.append(self._repeated_start())
         return self._start[0]
 
     @one_blas_thread()
     @stopped_clock()
     @np.errstate(all="ignore")
-    def _made_again(self) -> Start:
+    def _repeated_start(self) -> Start:
         # A tick or event this close before the instant, in control periods, is at it.
         until_s = self.at_s - 1e-9 * self.before.scenario.control_period_s
         for kept in (*self._states_before(until_s), None):
@@ -144,8 +144,8 @@ class Origin:
         if row == len(logged.time) or simulation.due is not None:
             return
         data = simulation.observation().free
-        state, told = np.concatenate((data.qpos, data.qvel)), np.concatenate((logged.qpos[row], logged.qvel[row]))
-        apart = np.abs(state - told) / np.maximum(1.0, np.abs(told))
+        state, expected = np.concatenate((data.qpos, data.qvel)), np.concatenate((logged.qpos[row], logged.qvel[row]))
+        apart = np.abs(state - expected) / np.maximum(1.0, np.abs(expected))
         if not apart.max() <= TOLERANCE:
             raise InputError(
                 f"{self.folder}: the run cannot be made again: at {now:.6g} s its state differs from the logged one by"
@@ -196,12 +196,12 @@ def with_initial_state(config: ScenarioConfig, origin: Origin, source: YamlSourc
     Raises:
         InputError: It states another one.
     """
-    told, given = origin.before.scenario.initial, config.initial
+    before, initial = origin.before.scenario.initial, config.initial
     with source.locating():
         for key in ("joints", "rates"):
-            if getattr(given, key) not in ({}, getattr(told, key)):
+            if getattr(initial, key) not in ({}, getattr(before, key)):
                 raise ScenarioFaults([Fault(_cannot_change(origin), ("initial", key))])
-    state = told.model_copy(update={"from_": str(origin.folder), "at_s": given.at_s})
+    state = before.model_copy(update={"from_": str(origin.folder), "at_s": initial.at_s})
     return config.model_copy(update={"initial": state})
 
 
@@ -250,18 +250,18 @@ def _replaced_laws(before: CompiledScenario, after: CompiledScenario, changed: S
     old, new = _begun(before), _begun(after)
     phases = zip(before.scenario.phases, after.scenario.phases, strict=False)
     others = tuple(i for i, (one, other) in enumerate(phases) if one.kind != other.kind)
-    found = _difference(old, new, others)
-    if found is not None:
+    difference = _difference(old, new, others)
+    if difference is not None:
         message = "where a run goes on, values may change, but not the parts of the simulation:"
         path = (changed[0],) if len(changed) == 1 else _FROM
         of = f"; these keys differ: {', '.join(changed)}" if len(changed) > 1 else ""
-        raise ScenarioFaults([Fault(f"{message} there is {found[1]} where there was {found[0]}{of}", path)])
+        raise ScenarioFaults([Fault(f"{message} there is {difference[1]} where there was {difference[0]}{of}", path)])
     return others
 
 
-def _begun(made: CompiledScenario) -> Any:
+def _begun(compiled: CompiledScenario) -> Any:
     """State of a run before its first step: it says which parts there are."""
-    simulation = Recording(made.assemble(), columns=()).simulation
+    simulation = Recording(compiled.assemble(), columns=()).simulation
     simulation.begin()
     return as_mappings(simulation.get_state())
 
@@ -271,9 +271,9 @@ def _difference(old: Any, new: Any, replaced: Sequence[int], place: str = "") ->
     if not (isinstance(old, Mapping) and isinstance(new, Mapping)):
         return None
     of_laws = place == "controller.laws"
-    names, others = ([key for key in each if not (of_laws and key[0] in replaced)] for each in (old, new))
+    names, others = ([key for key in mapping if not (of_laws and key[0] in replaced)] for mapping in (old, new))
     if names != others and not place.endswith("telemetry"):
         one, other = (f"{place or 'simulation'}: {', '.join(map(str, keys)) or 'nothing'}" for keys in (names, others))
         return one, other
-    found = (_difference(old[key], new[key], replaced, f"{place}.{key}".lstrip(".")) for key in names if key in new)
-    return next(filter(None, found), None)
+    differences = (_difference(old[key], new[key], replaced, f"{place}.{key}".lstrip(".")) for key in names if key in new)
+    return next(filter(None, differences), None)

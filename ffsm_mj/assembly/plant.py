@@ -123,11 +123,11 @@ def spring_lines(scenario: ScenarioConfig, system: System, data: Any) -> list[st
     mode, decay = _fastest(system, data)
     lines, h = [], scenario.time_step_s
     if mode.rate > 0.0:
-        taken = (h * mode.rate) ** 6 / 72.0
+        loss = (h * mode.rate) ** 6 / 72.0
         lines.append(
             f"  joint springs: fastest mode {mode.rate:.4g} rad/s ({mode.rate / (2.0 * math.pi):.4g} Hz), mostly of joint "
             f"{_joint(system, mode)!r}; steps up to {rounded_down(MODE_STEP / mode.rate):g} s; "
-            f"RK4 takes {taken:.1e} of its energy per step"
+            f"RK4 takes {loss:.1e} of its energy per step"
         )
     if decay.rate > 0.0:
         lines.append(
@@ -153,13 +153,13 @@ def refuse_coarse_steps(scenario: ScenarioConfig, system: System, data: Any) -> 
     h = scenario.time_step_s
     mode, decay = _fastest(system, data)
     with Faults() as faults:
-        for found, limit, what in (
+        for slowest, limit, what in (
             (mode, MODE_STEP, f"the spring of joint {{}} has a mode of {mode.rate:.4g} rad/s, h w ="),
             (decay, DAMPER_STEP, f"the damper of joint {{}} has a decay rate of {decay.rate:.4g} 1/s, h d / I ="),
         ):
-            if h * found.rate > limit:
-                text = f"{what.format(repr(_joint(system, found)))} {h * found.rate:.3g}, more than {limit:g}"
-                most = rounded_down(limit / found.rate)
+            if h * slowest.rate > limit:
+                text = f"{what.format(repr(_joint(system, slowest)))} {h * slowest.rate:.3g}, more than {limit:g}"
+                most = rounded_down(limit / slowest.rate)
                 faults.add(f"{text}; use at most {most:g}, or set 'accuracy'", "time_step_s")
 
 
@@ -184,7 +184,7 @@ def contact_models_of(
     motion: Motion,
     pairs: tuple[ContactPair, ...],
     limits: tuple[JointLimit, ...],
-    held: Mapping[str, GraspedSystem],
+    grasped_systems: Mapping[str, GraspedSystem],
     fields: ExternalFields | None,
 ) -> tuple[Source, ...]:
     """All contact models of a scenario, in the order in which simultaneous events are applied.
@@ -195,7 +195,7 @@ def contact_models_of(
         motion: Its motion.
         pairs: Impact pairs.
         limits: Joint limits.
-        held: Systems with grasped objects, by the name of the grasp.
+        grasped_systems: Systems with grasped objects, by the name of the grasp.
         fields: External fields; None: there are none.
 
     Raises:
@@ -206,7 +206,7 @@ def contact_models_of(
     impacts = ImpactModel(scene, (*pairs, *limits), _rules(scenario), persistent, overlap, heat)
     declared = _declared(scenario, scene)
     outside = () if fields is None else (fields,)
-    pushing: list[ForceSource] = [*outside, *(each for each in declared if isinstance(each, ForceSource))]
+    pushing: list[ForceSource] = [*outside, *(model for model in declared if isinstance(model, ForceSource))]
     others = [persistent, *pushing]
     on = friction_coordinates(scene.system)
     friction = None
@@ -214,8 +214,8 @@ def contact_models_of(
         from ffsm_mj.contact_models.joint_friction.model import JointFriction  # few scenes need it
 
         friction = JointFriction(scene, on, persistent, pushing)
-    loops, grasps = grasp_models_of(scenario, scene, motion, held, others, friction)
-    return tuple(each for each in (*outside, impacts, friction, loops, persistent, grasps, *declared) if each is not None)
+    loops, grasps = grasp_models_of(scenario, scene, motion, grasped_systems, others, friction)
+    return tuple(model for model in (*outside, impacts, friction, loops, persistent, grasps, *declared) if model is not None)
 
 
 def _rules(scenario: ScenarioConfig) -> ImpactRules:
@@ -234,12 +234,12 @@ def _declared(scenario: ScenarioConfig, scene: Scene) -> tuple[ContactModel, ...
     Raises:
         ScenarioFaults: A model cannot be created from its configuration, e.g. for an unknown geom.
     """
-    made: list[ContactModel] = []
+    models: list[ContactModel] = []
     with Faults() as faults:
         for i, config in enumerate(scenario.contact_models):
             with faults.below("contact_models", i):
-                made.append(contact_model_of(config.kind)(config, scene))
-    return tuple(made)
+                models.append(contact_model_of(config.kind)(config, scene))
+    return tuple(models)
 
 
 def external_fields(scenario: ScenarioConfig, scene: Scene) -> ExternalFields | None:
@@ -248,22 +248,22 @@ def external_fields(scenario: ScenarioConfig, scene: Scene) -> ExternalFields | 
     Raises:
         ScenarioFaults: A field cannot be created from its configuration, or the models do not fit an orbit.
     """
-    around, made = scenario.environment, list[Field]()
+    around, acting = scenario.environment, list[Field]()
     if around is None or (not around.fields and around.orbit is None):
         return None
     bodies = bodies_of(scene.system)
     with Faults() as faults:
         for i, config in enumerate(around.fields):
             with faults.below("environment", "fields", i):
-                made.append(field_of(config.kind)(config, bodies))
+                acting.append(field_of(config.kind)(config, bodies))
         if around.orbit is not None:
             for text in _unfit_for_orbit(scene.system, around):
                 faults.add(text, "environment", "orbit")
     if around.orbit is None:
-        return ExternalFields(scene, made)
+        return ExternalFields(scene, acting)
     orbit = Orbit.of(around.orbit, around.world_axes)
     field = orbit.field()
-    fields = ExternalFields(scene, made, field)
+    fields = ExternalFields(scene, acting, field)
     fields.columns = (OrbitSamples(orbit, field, fields, BLOCK_ROWS).columns,)
     return fields
 
@@ -300,14 +300,14 @@ def record_kinds(
     scenario: ScenarioConfig, constraints: Sequence[UnilateralConstraint], sources: Sequence[Source]
 ) -> tuple[str, ...]:
     """Names of the kinds of records of friction, joint limits, delays, grasps, dry friction and declared contact models."""
-    limits = any(isinstance(each, JointLimit) for each in constraints)
+    limits = any(isinstance(constraint, JointLimit) for constraint in constraints)
     kinds = [
-        *(FRICTION_KINDS if any(each.mu > 0.0 for each in constraints) else ()),
+        *(FRICTION_KINDS if any(constraint.mu > 0.0 for constraint in constraints) else ()),
         *((LIMIT_IMPACT, *LIMIT_KINDS) if limits else ()),
-        *((EFFORT_CHANGE,) if any(isinstance(each, DelayedControl) for each in sources) else ()),
+        *((EFFORT_CHANGE,) if any(isinstance(source, DelayedControl) for source in sources) else ()),
         *(KINDS if scenario.grasps else ()),
-        *((STICK_SLIP,) if any(STICK_SLIP in getattr(each, "records", ()) for each in sources) else ()),
-        *(kind for each in scenario.contact_models for kind in record_kinds_of(each.kind)),
+        *((STICK_SLIP,) if any(STICK_SLIP in getattr(source, "records", ()) for source in sources) else ()),
+        *(kind for declared in scenario.contact_models for kind in record_kinds_of(declared.kind)),
     ]
     return tuple(dict.fromkeys(kind.name for kind in kinds))
 
@@ -318,7 +318,7 @@ def build_plant(
     data: Any,
     pairs: tuple[ContactPair, ...],
     limits: tuple[JointLimit, ...],
-    held: Mapping[str, GraspedSystem],
+    grasped_systems: Mapping[str, GraspedSystem],
     task: Task | None,
 ) -> Plant:
     """Build the simulated system of a scenario; :func:`start_contacts` must follow at the state from which it starts.
@@ -329,7 +329,7 @@ def build_plant(
         data: Their state, derived quantities current.
         pairs: Impact pairs.
         limits: Joint limits.
-        held: Systems with grasped objects, by the name of the grasp.
+        grasped_systems: Systems with grasped objects, by the name of the grasp.
         task: Task of the scenario; None if it has none.
 
     Raises:
@@ -339,7 +339,7 @@ def build_plant(
     actuation = Actuation(system, scenario.actuators, data, scenario.initial.activations)
     control = _delayed_control(scenario, scene, actuation)
     fields = external_fields(scenario, scene)
-    models = contact_models_of(scenario, scene, motion, pairs, limits, held, fields)
+    models = contact_models_of(scenario, scene, motion, pairs, limits, grasped_systems, fields)
     integrator = EventDrivenIntegrator(motion, (*models, control) if control is not None else models)
     power = motion.power
     work, outside = (None, None) if power is None else (power.work, power.outside)
@@ -374,11 +374,11 @@ def start_contacts(plant: Plant) -> None:
 
 def _delayed_control(scenario: ScenarioConfig, scene: Scene, actuation: Actuation) -> DelayedControl | None:
     """Timing of control; None if every command acts at once."""
-    system, given = scene.system, {name: config.delay_s for name, config in scenario.actuators.items()}
-    own = {system.resolve("actuator", name): delay for name, delay in given.items()}
+    system, stated = scene.system, {name: config.delay_s for name, config in scenario.actuators.items()}
+    by_actuator = {system.resolve("actuator", name): delay for name, delay in stated.items()}
     for i in np.flatnonzero(further_inputs(system.mj)).tolist():
-        own.setdefault(actuation.names[i], own.get(actuation.names[controller_of(system.mj, i)]))
-    delays = command_delays_s(actuation.names, system.actuator_delays_s, scenario.actuation.delay_s, own)
+        by_actuator.setdefault(actuation.names[i], by_actuator.get(actuation.names[controller_of(system.mj, i)]))
+    delays = command_delays_s(actuation.names, system.actuator_delays_s, scenario.actuation.delay_s, by_actuator)
     timing = ControlTiming(delays, scenario.actuation.control_jitter_s, scenario.control_period_s, scenario.seed)
     return None if timing.is_ideal else DelayedControl(timing, scene, actuation)
 

@@ -29,7 +29,7 @@ from ffsm_mj.model.files import read_model
 from ffsm_mj.model.properties import PropertyChange
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Outcome
-from ffsm_mj.scenario.loading import plain, refuse_own_classes, stated_source, validated
+from ffsm_mj.scenario.loading import plain, refuse_wrong_classes, stated_source, validated
 from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.scenario.shipped import scenario_path
 from ffsm_mj.scenario.source import YamlSource, read_yaml
@@ -88,9 +88,9 @@ class Scenario(ScenarioConfig):
         Raises:
             InputError: One line per fault, with file, line and column.
         """
-        made = cls.__new__(cls)
-        made._validate(read_yaml(scenario_path(scenario)), as_overrides(overrides), controllers, estimators)
-        return made
+        loaded = cls.__new__(cls)
+        loaded._validate(read_yaml(scenario_path(scenario)), as_overrides(overrides), controllers, estimators)
+        return loaded
 
     def _validate(self, base: YamlSource, overrides: Sequence[str], controllers: Classes, estimators: Classes) -> None:
         """Become the scenario of a source with overrides.
@@ -98,14 +98,14 @@ class Scenario(ScenarioConfig):
         Raises:
             InputError: One line per fault.
         """
-        refuse_own_classes(controllers, estimators)
+        refuse_wrong_classes(controllers, estimators)
         with _naming(overrides):
             source = base.overridden(overrides)
             config = validated(source, controllers, estimators)
         private = {"_base": base, "_overrides": tuple(overrides), "_config": config, "_source": source}
-        own = {"controllers": dict(controllers), "estimators": dict(estimators)}
+        classes = {"controllers": dict(controllers), "estimators": dict(estimators)}
         state = config.__getstate__()
-        self.__setstate__(state | {"__dict__": state["__dict__"] | own, "__pydantic_private__": private})
+        self.__setstate__(state | {"__dict__": state["__dict__"] | classes, "__pydantic_private__": private})
 
     def with_overrides(self, overrides: Overrides, *, controllers: Classes = _NONE, estimators: Classes = _NONE) -> Scenario:
         """The scenario with other values; see :meth:`load` for the arguments, which are added to its own.
@@ -116,9 +116,9 @@ class Scenario(ScenarioConfig):
         if not overrides and not controllers and not estimators:
             return self
         changed = self.__class__.__new__(self.__class__)
-        given = [*self._overrides, *as_overrides(overrides)]
-        own, others = {**self.controllers, **controllers}, {**self.estimators, **estimators}
-        changed._validate(self._base, given, own, others)
+        all_overrides = [*self._overrides, *as_overrides(overrides)]
+        laws, others = {**self.controllers, **controllers}, {**self.estimators, **estimators}
+        changed._validate(self._base, all_overrides, laws, others)
         return changed
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:  # noqa: ARG002
@@ -149,9 +149,9 @@ class Scenario(ScenarioConfig):
             InputError: One line per fault of the models, the control laws or other components.
         """
         with _naming(self._overrides):
-            made = recipe(self._config, self._source, self.controllers, estimators=self.estimators)
-            made.unused.append(made.assemble())  # reports faults of the components
-        return made
+            run = recipe(self._config, self._source, self.controllers, estimators=self.estimators)
+            run.unused.append(run.assemble())  # reports faults of the components
+        return run
 
     def check(self) -> list[str]:
         """Compile the models and assemble a run, which stays for the next one.
@@ -232,8 +232,8 @@ def _naming(overrides: Sequence[str]) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        given, start = " ".join(map(override, overrides)), one_line(override(""))
-        others = f" (with {given})" if overrides else ""
+        shown, start = " ".join(map(override, overrides)), one_line(override(""))
+        others = f" (with {shown})" if overrides else ""
         raise InputError([line if line.startswith(start) else line + others for line in error.lines]) from error
 
 
@@ -249,13 +249,13 @@ def scenario_of(
     Raises:
         InputError: One line per fault.
     """
-    own: dict[str, Any] = {"controllers": controllers, "estimators": estimators}
+    plugins: dict[str, Any] = {"controllers": controllers, "estimators": estimators}
     if isinstance(scenario, Mapping):
-        own = {key: {**scenario.get(key, {}), **classes} for key, classes in own.items()}
-        return Scenario(**{**scenario, **own}).with_overrides(overrides)
+        plugins = {key: {**scenario.get(key, {}), **classes} for key, classes in plugins.items()}
+        return Scenario(**{**scenario, **plugins}).with_overrides(overrides)
     if isinstance(scenario, Scenario):
-        return scenario.with_overrides(overrides, **own)
-    return Scenario.load(scenario, overrides, **own)
+        return scenario.with_overrides(overrides, **plugins)
+    return Scenario.load(scenario, overrides, **plugins)
 
 
 def run(
@@ -352,13 +352,17 @@ def prepare(
         return scenario_of(scenario, overrides, controllers=controllers, estimators=estimators).prepared
 
 
-def as_overrides(given: Overrides) -> list[str]:
+def as_overrides(overrides: Overrides) -> list[str]:
     """Overrides as on the command line, from these or from values by dotted key.
 
     Raises:
         InputError: A value cannot stand in a file, such as a model in memory.
     """
-    return [f"{key}={_json(key, value)}" for key, value in given.items()] if isinstance(given, Mapping) else list(given)
+    return (
+        [f"{key}={_json(key, value)}" for key, value in overrides.items()]
+        if isinstance(overrides, Mapping)
+        else list(overrides)
+    )
 
 
 def _json(key: str, value: Any) -> str:
@@ -388,20 +392,20 @@ def recipe(
     Raises:
         InputError: A model, a file of a control law or that of the target is wrong.
     """
-    own: dict[str, Any] = {"controllers": controllers, "estimators": estimators}
-    origin = origin_of(config, source, lambda file: prepare(file, **own))
+    plugins: dict[str, Any] = {"controllers": controllers, "estimators": estimators}
+    origin = origin_of(config, source, lambda file: prepare(file, **plugins))
     if origin is not None:
         config = with_initial_state(config, origin, source)
-    system, controller_system, held = compile_scenario(config, source, read)
+    system, controller_system, grasped_systems = compile_scenario(config, source, read)
     config = with_waypoints(config, source)
     recorded = recorded_files(config, source)
-    made = PreparedRun(
+    run = PreparedRun(
         config,
         source,
         system,
         dict(controllers),
         controller_system,
-        held,
+        grasped_systems,
         dict(estimators),
         recorded,
         origin.start if origin is not None else None,
@@ -409,8 +413,8 @@ def recipe(
         origin,
     )
     if origin is not None:
-        refuse_changes(origin, made)
-    return made
+        refuse_changes(origin, run)
+    return run
 
 
 @dataclass(frozen=True, eq=False)
@@ -495,10 +499,10 @@ def prepare_from(
     file = Path(run) / SCENARIO
     if not file.is_file():
         raise InputError(f"{run}: is no run folder that can go on: it has no {SCENARIO}")
-    given = as_overrides(overrides)
+    texts = as_overrides(overrides)
     begin = ["initial.from=.", f"initial.at_s={from_s!r}"]
     try:
-        return prepare(file, [*given, *begin], controllers=controllers, estimators=estimators, check=check)
+        return prepare(file, [*texts, *begin], controllers=controllers, estimators=estimators, check=check)
     except InputError as error:
         name = "--from" if on_command_line() else "from_s"
         instant = f"{name} {from_s:g}"
@@ -547,5 +551,5 @@ def resume(
     folder = RunFolder(Path(out), force=force) if out is not None else None
     if folder is not None:
         folder.refuse_earlier_run()
-    made = prepare_from(run, from_s, overrides, controllers=controllers, estimators=estimators, check=check)
-    return made.run(folder=folder, rerun=rerun, live=live, report=report, check=check)
+    prepared = prepare_from(run, from_s, overrides, controllers=controllers, estimators=estimators, check=check)
+    return prepared.run(folder=folder, rerun=rerun, live=live, report=report, check=check)

@@ -125,11 +125,11 @@ class StepInterrupts:
         Returns:
             Whether there are any.
         """
-        within = [each for each in cls._open if each._is_within]
-        if any(each.is_noted for each in within):
+        within = [interrupt for interrupt in cls._open if interrupt._is_within]
+        if any(interrupt.is_noted for interrupt in within):
             raise KeyboardInterrupt
-        for each in within:
-            each.is_noted = True
+        for interrupt in within:
+            interrupt.is_noted = True
         return bool(within)
 
 
@@ -171,10 +171,10 @@ class _Limit:
             if not self._inside:
                 if self._modules != len(sys.modules):  # only a module that is imported loads a library
                     self._libraries, self._modules = ThreadpoolController(), len(sys.modules)
-                self._over, held = Event(), Event()
-                self._holder = Thread(target=self._hold, args=(held,), name="BLAS limit", daemon=True)
+                self._over, started = Event(), Event()
+                self._holder = Thread(target=self._hold, args=(started,), name="BLAS limit", daemon=True)
                 self._holder.start()
-                held.wait()
+                started.wait()
             self._inside += 1
             return self._libraries
 
@@ -185,9 +185,9 @@ class _Limit:
                 self._over.set()
                 self._holder.join()
 
-    def _hold(self, held: Event) -> None:
+    def _hold(self, started: Event) -> None:
         with self._libraries.limit(limits=1, user_api="blas"):
-            held.set()
+            started.set()
             self._over.wait()
 
 

@@ -45,11 +45,11 @@ class RecordedFiles:
 
     def of_phase(self, phase: int) -> PhaseTables:
         """Tables of the control laws of a phase, given by its position."""
-        found: dict[KeyPath, dict[str, RecordedTable]] = {}
+        tables: dict[KeyPath, dict[str, RecordedTable]] = {}
         for (_, i, *law, key), table in self.tables.items():
             if i == phase:
-                found.setdefault(tuple(law), {})[str(key)] = table
-        return found
+                tables.setdefault(tuple(law), {})[str(key)] = table
+        return tables
 
 
 def recorded_files(scenario: ScenarioConfig, source: YamlSource) -> RecordedFiles:
@@ -62,21 +62,21 @@ def recorded_files(scenario: ScenarioConfig, source: YamlSource) -> RecordedFile
     names: dict[KeyPath, str] = {}
     contents: dict[str, bytes] = {}
     with source.locating(), Faults() as faults:
-        for keys, given in _named(scenario):
+        for keys, name in _named(scenario):
             with faults.below(*keys):
-                found = _read(source, keys, given)
-                tables[keys], names[keys] = found.table, _free_name(found, contents)
-                contents[names[keys]] = found.content
+                file = _read(source, keys, name)
+                tables[keys], names[keys] = file.table, _free_name(file, contents)
+                contents[names[keys]] = file.content
     return RecordedFiles(tables, names, contents)
 
 
-def _read(source: YamlSource, keys: KeyPath, given: str) -> RecordedFile:
+def _read(source: YamlSource, keys: KeyPath, name: str) -> RecordedFile:
     """The file that a key names.
 
     Raises:
         ScenarioFaults: It is missing or holds no table.
     """
-    path = source.beside(keys, given)
+    path = source.beside(keys, name)
     try:
         if not os.path.lexists(path):
             raise InputError(f"no such file {path}{similar_file(path)}")
@@ -98,16 +98,16 @@ def _file_keys(config: Any) -> list[str]:
     if not isinstance(config, StrictModel):
         return []
     fields = type(config).model_fields.items()
-    return [key for key, each in fields if any(isinstance(mark, RecordedInput) for mark in each.metadata)]
+    return [key for key, field in fields if any(isinstance(mark, RecordedInput) for mark in field.metadata)]
 
 
-def _free_name(file: RecordedFile, taken: Mapping[str, bytes]) -> str:
+def _free_name(file: RecordedFile, contents: Mapping[str, bytes]) -> str:
     """Name of a file in run folder and log: its own, below a number where another file has it."""
-    own = file.name if is_plain(file.name) else "recorded"
-    name, number = f"{RECORDED}/{own}", 1
-    while taken.get(name, file.content) != file.content:
+    plain = file.name if is_plain(file.name) else "recorded"
+    name, number = f"{RECORDED}/{plain}", 1
+    while contents.get(name, file.content) != file.content:
         number += 1
-        name = f"{RECORDED}/{number}/{own}"
+        name = f"{RECORDED}/{number}/{plain}"
     return name
 
 

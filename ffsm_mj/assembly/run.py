@@ -180,7 +180,7 @@ def _unfinished(outcome: OutcomeRecord, error: Exception) -> OutcomeRecord:
 
 def _settings(config: ScenarioConfig) -> Settings:
     keeps = config.log.states == "events"
-    return Settings(config.time_step_s, config.steps_per_tick, config.ticks, config.told_above_N_s, keeps)
+    return Settings(config.time_step_s, config.steps_per_tick, config.ticks, config.feedback_impulse_N_s, keeps)
 
 
 def _with_versions(outcome: OutcomeRecord) -> OutcomeRecord:

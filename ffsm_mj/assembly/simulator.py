@@ -22,7 +22,7 @@ from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.prepare import PreparedRun, Scenario, as_overrides, law_errors, scenario_of
 from ffsm_mj.assembly.process import StepInterrupts, one_blas_thread
 from ffsm_mj.assembly.run import Recording, with_run
-from ffsm_mj.controller_protocol import Command, GivenCommand, Observation
+from ffsm_mj.controller_protocol import Command, ExternalCommand, Observation
 from ffsm_mj.errors import FfsmError, InputError, described
 from ffsm_mj.log.recorder import EventTap
 from ffsm_mj.log.run_folder import RunFolder
@@ -67,7 +67,7 @@ class SimulatorState:
         Raises:
             StateError: They are no state of a simulator, of another version, or damaged.
         """
-        state = entries(from_bytes(data), [each.name for each in fields(cls)], "a simulator")
+        state = entries(from_bytes(data), [field.name for field in fields(cls)], "a simulator")
         return cls(**state)
 
 
@@ -86,34 +86,34 @@ class Step(NamedTuple):
     ended: Ended | None
 
 
-def given_command(system: System, given: Any) -> GivenCommand:
+def as_command(system: System, value: Any) -> ExternalCommand:
     """Command from what a program gives.
 
     Args:
         system: Robot and objects.
-        given: A :class:`Command`; or an array (nu,) of efforts in N or N m, which power all actuators; or a mapping of names
+        value: A :class:`Command`; or an array (nu,) of efforts in N or N m, which power all actuators; or a mapping of names
             to efforts: of an actuator, or of a model, such as ``robot``, to the efforts of all its actuators. A mapping
             powers the actuators that it names and leaves the others to the control laws of the phase; None in place of an
-            effort switches an actuator off. A :class:`GivenCommand` is taken as it is, unchecked.
+            effort switches an actuator off. A :class:`ExternalCommand` is taken as it is, unchecked.
 
     Raises:
         InputError: It has another shape, names no actuator, or is not finite.
     """
-    if isinstance(given, GivenCommand):
-        return given
+    if isinstance(value, ExternalCommand):
+        return value
     count = int(system.mj.nu)
     command, named = Command.off(count), np.ones(count, dtype=np.bool_)
-    if isinstance(given, Command):
-        command.drive(slice(None), _efforts(system, given.effort, range(count), "command"))
-        np.copyto(command.powered, given.powered)
-        command.requests.update(given.requests)
-    elif isinstance(given, Mapping):
+    if isinstance(value, Command):
+        command.drive(slice(None), _efforts(system, value.effort, range(count), "command"))
+        np.copyto(command.powered, value.powered)
+        command.requests.update(value.requests)
+    elif isinstance(value, Mapping):
         named[:] = False
-        for name, effort in given.items():
+        for name, effort in value.items():
             _take_efforts(system, command, named, name, effort)
     else:
-        command.drive(slice(None), _efforts(system, given, range(count), "command"))
-    return GivenCommand(command, named)
+        command.drive(slice(None), _efforts(system, value, range(count), "command"))
+    return ExternalCommand(command, named)
 
 
 def _take_efforts(system: System, command: Command, named: Any, name: Any, effort: Any) -> None:
@@ -139,11 +139,11 @@ def _actuators(system: System, name: Any) -> Any:
         raise InputError(f"command: {error.args[0]}; or a model: {', '.join(models)}") from error
 
 
-def _efforts(system: System, given: Any, ids: Iterable[int], what: str) -> FloatArray:
+def _efforts(system: System, values: Any, ids: Iterable[int], what: str) -> FloatArray:
     """Finite efforts of some actuators."""
     names = [system.names("actuator")[i] for i in ids]
     try:
-        efforts = np.atleast_1d(np.asarray(given, dtype=np.float64))
+        efforts = np.atleast_1d(np.asarray(values, dtype=np.float64))
     except (TypeError, ValueError) as error:
         raise InputError(f"{what}: not numbers ({described(error)})") from error
     if efforts.shape != (len(names),):
@@ -237,7 +237,7 @@ class SteppedRun:
         """Take the decision that is due, and simulate to the next one; see :class:`ffsm_mj.Simulator`."""
         simulation, interrupts = self._going(), self._interrupts
         end_s = None if until in _DECISIONS else self._end_s(until)
-        self._controller.given = None if command is None else given_command(self.assembly.system, command)
+        self._controller.external = None if command is None else as_command(self.assembly.system, command)
         collected = collectors()
         interrupts.begin_step()
         collected.append(simulation.warnings)
@@ -325,10 +325,10 @@ class SteppedRun:
 
     def _fingerprint(self) -> str:
         _, seed = self.origin
-        found = sha256(f"{self._prepared.scenario_yaml}\n{seed}\n".encode())
+        digest = sha256(f"{self._prepared.scenario_yaml}\n{seed}\n".encode())
         for name, content in sorted(self._prepared.logged_files.items()):
-            found.update(name.encode() + b"\n" + content)
-        return found.hexdigest()
+            digest.update(name.encode() + b"\n" + content)
+        return digest.hexdigest()
 
     def close(self) -> Run:
         """End the run, and close its log.
@@ -463,7 +463,7 @@ class Simulator:
         Args:
             command: Efforts in N or N m: an array (nu,), a mapping of actuators or models to efforts, or a
                 :class:`~ffsm_mj.controller_protocol.Command`, also with requests; see
-                :func:`~ffsm_mj.assembly.simulator.given_command`. It is held to the end of the step. None: the phases of
+                :func:`~ffsm_mj.assembly.simulator.as_command`. It is held to the end of the step. None: the phases of
                 the scenario decide.
             until: ``tick``: the next control tick; ``event``: the first event before it, or else the tick, so that events
                 of contacts can be answered at once; a time in s: the first control tick at or after it.
@@ -580,8 +580,8 @@ class Simulator:
         """The scenario with further overrides; the latest is kept."""
         if overrides not in self._prepared:
             with law_errors(self._check):
-                made = self._scenario.with_overrides(overrides).prepared
-            self._prepared = {key: value for key, value in self._prepared.items() if not key} | {overrides: made}
+                prepared = self._scenario.with_overrides(overrides).prepared
+            self._prepared = {key: value for key, value in self._prepared.items() if not key} | {overrides: prepared}
         return self._prepared[overrides]
 
     def _folder(self) -> RunFolder:

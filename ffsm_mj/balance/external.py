@@ -130,14 +130,14 @@ class Thrusters:
         """
         self._model, self._data, self._body = model, data, body
         self.actuators, self._wrenches, self._felt = actuators, wrenches, felt
-        self._held, self._force, self._twist = data.ctrl, data.actuator_force, np.empty(6)
+        self._ctrl, self._force, self._twist = data.ctrl, data.actuator_force, np.empty(6)
         self._position, self._quaternion = data.xpos[body], data.xquat[body]
         self._work, self._impulse = work, impulse
         self._start: _BodyState | None = None
 
     def open(self) -> None:
         """Begin a (sub-)step with the efforts in ``data``; poses and velocities must be current."""
-        self._start = self._look() if any(self._held[self.actuators].tolist()) else None
+        self._start = self._look() if any(self._ctrl[self.actuators].tolist()) else None
 
     def close(self, duration_s: float) -> None:
         """End the step; derived quantities must be current, and the efforts those at its start."""

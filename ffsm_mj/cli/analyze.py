@@ -50,7 +50,7 @@ def _analyze(options: argparse.Namespace, output: Output, stage: Stage) -> int:
     names = run_names(options.runs)
     several = len(names) > 1
     data, kept = [], []
-    found: dict[int, list[str]] = {OK: [], CHECK_FAILED: [], DAMAGED: [], TRUNCATED: []}
+    by_code: dict[int, list[str]] = {OK: [], CHECK_FAILED: [], DAMAGED: [], TRUNCATED: []}
     shown = {name: f"{name} ({number} of {len(names)})" if several else name for number, name in enumerate(names, 1)}
     for path, name, run in _load_all(options.runs, shown, stage):
         with working_on(path):
@@ -60,7 +60,7 @@ def _analyze(options: argparse.Namespace, output: Output, stage: Stage) -> int:
                 if not again.obstacle:
                     limits = options.truncation, stage, shown[name], stopped
                     explained = explained_checks(run, explained.checks, *limits, tolerance)
-                found[_judge(run, again, explained.checks)].append(name)
+                by_code[_judge(run, again, explained.checks)].append(name)
                 if options.json:
                     data.append(verification_data(run, again, explained.checks))
                 else:
@@ -83,13 +83,13 @@ def _analyze(options: argparse.Namespace, output: Output, stage: Stage) -> int:
             (DAMAGED, "; damaged or incomplete: "),
             (TRUNCATED, "; truncation of the step: "),
         )
-        rest = "".join(head + ", ".join(found[code]) for code, head in words if found[code])
-        output.say(f"{len(found[OK])} of {len(names)} runs verified{rest}")
+        rest = "".join(head + ", ".join(by_code[code]) for code, head in words if by_code[code])
+        output.say(f"{len(by_code[OK])} of {len(names)} runs verified{rest}")
     if options.compare:
         _compare(kept, output, stage)
     if options.plots and several:
         _plot_comparison(kept, Path(options.plots), None if options.json else output, stage)
-    return next((code for code in (CHECK_FAILED, DAMAGED, TRUNCATED) if found[code]), OK)
+    return next((code for code in (CHECK_FAILED, DAMAGED, TRUNCATED) if by_code[code]), OK)
 
 
 def _internal_errors(run: Run, named: Sequence[str], *, shown: bool) -> Iterator[str]:
@@ -108,13 +108,13 @@ def _judge(run: Run, again: ReplayResult, checks: Sequence[Check]) -> int:
     return TRUNCATED if truncated else OK
 
 
-def _tolerance(given: Sequence[tuple[str, float]]) -> Tolerance:
+def _tolerance(pairs: Sequence[tuple[str, float]]) -> Tolerance:
     tolerances = dict.fromkeys(RELATIVE_CHECKS, DEFAULT_TOLERANCE) | {"no penetration": DEEPEST_M}
-    names = [name for name, _ in given]
+    names = [name for name, _ in pairs]
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"--tolerance: given twice for {name or 'all checks'}")
-    for name, value in sorted(given, key=lambda pair: pair[0] != ""):  # a tolerance for one check overrides that for all
+    for name, value in sorted(pairs, key=lambda pair: pair[0] != ""):  # a tolerance for one check overrides that for all
         if name and name not in CHECK_NAMES:
             raise InputError(f"--tolerance: {unknown_name('check', name, CHECK_NAMES)}")
         tolerances |= dict.fromkeys([name] if name else RELATIVE_CHECKS, value)

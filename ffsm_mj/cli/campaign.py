@@ -43,8 +43,8 @@ def _run(options: argparse.Namespace, output: Output, stage: Stage) -> int:
             f"ffsm campaign run: name a campaign file; '{command('campaign', 'run', '--list')}' shows the shipped ones"
         )
     stage("sample and validate the runs")
-    own = ScriptClasses(metrics=read_metrics(Path(options.metrics))) if options.metrics else NO_CLASSES
-    plan = load_campaign(options.campaign, options.overrides, own)
+    classes = ScriptClasses(metrics=read_metrics(Path(options.metrics))) if options.metrics else NO_CLASSES
+    plan = load_campaign(options.campaign, options.overrides, classes)
     if isinstance(plan, VariantsPlan):
         for name, reason in plan.not_applicable.items():
             output.say(f"not applicable: {name}: {reason}")
@@ -61,27 +61,27 @@ def _resume(options: argparse.Namespace, output: Output, stage: Stage) -> int:
 
 
 def _extend(options: argparse.Namespace, output: Output, stage: Stage) -> int:
-    found = _open(options)
-    found.extend(options.n)
-    return _make(found, options, output, stage)
+    campaign = _open(options)
+    campaign.extend(options.n)
+    return _make(campaign, options, output, stage)
 
 
-def _make(found: Campaign, options: argparse.Namespace, output: Output, stage: Stage) -> int:
+def _make(campaign: Campaign, options: argparse.Namespace, output: Output, stage: Stage) -> int:
     """Execute the remaining runs, then write the logs that the campaign file asks for."""
-    name, folder = found.config.campaign, found.folder.path
+    name, folder = campaign.config.campaign, campaign.folder.path
     report = stage(name, "runs") or lines_of_runs(name, complain)
     try:
-        status = found.run(
+        status = campaign.run(
             workers=options.workers, dask=options.dask or "", retry=getattr(options, "retry", ()), report=report
         )
     except EngineLostError as error:
         complain(str(error))
         return RUN_FAILED
     except KeyboardInterrupt:
-        _say_status(found.status(), output)
-        output.say(f"continue: {_continuation(found, options)}")
+        _say_status(campaign.status(), output)
+        output.say(f"continue: {_continuation(campaign, options)}")
         raise
-    _say_results(found, status, output)
+    _say_results(campaign, status, output)
     if status.stopped:
         complain(
             f"{status.stopped}; to continue anyway, raise the limit: {command('campaign', 'run')} -s limits.max_failed=1 ..."
@@ -89,28 +89,28 @@ def _make(found: Campaign, options: argparse.Namespace, output: Output, stage: S
         return RUN_FAILED
     if status.enough:
         output.say(f"ended early: {status.enough}")
-    for each in found.variants.values() or [found]:
-        _keep(each, output, stage)
+    for part in campaign.variants.values() or [campaign]:
+        _keep(part, output, stage)
     output.say(f"report: {command('campaign', 'report', folder)}")
-    which = ["--variant", next(iter(found.variants))] if found.variants else []
+    which = ["--variant", next(iter(campaign.variants))] if campaign.variants else []
     output.say(f"repeat a run and write its log: {command('campaign', 'rerun', folder, 0, *which)}")
     return OK
 
 
-def _continuation(found: Campaign, options: argparse.Namespace) -> str:
+def _continuation(campaign: Campaign, options: argparse.Namespace) -> str:
     """Command that runs what is left."""
     if options.metrics:
-        return command("campaign", "resume", found.folder.path, "--metrics", options.metrics)
-    if options.action == "run" and found.folder.record().metrics_file:  # a path relative to the campaign file
-        return command("campaign", "run", options.campaign, "--out", found.folder.path)
-    return command("campaign", "resume", found.folder.path)
+        return command("campaign", "resume", campaign.folder.path, "--metrics", options.metrics)
+    if options.action == "run" and campaign.folder.record().metrics_file:  # a path relative to the campaign file
+        return command("campaign", "run", options.campaign, "--out", campaign.folder.path)
+    return command("campaign", "resume", campaign.folder.path)
 
 
-def _keep(found: Campaign, output: Output, stage: Stage) -> None:
-    wanted = [index for index in found.kept() if not found.folder.has_rerun(index)]
+def _keep(campaign: Campaign, output: Output, stage: Stage) -> None:
+    wanted = [index for index in campaign.kept() if not campaign.folder.has_rerun(index)]
     report = stage("write the logs to keep", "runs")
     for done, index in enumerate(wanted):
-        output.say(found.rerun(index).verdict)
+        output.say(campaign.rerun(index).verdict)
         if report is not None:
             report(done + 1, len(wanted))
 
@@ -120,18 +120,18 @@ def _status(options: argparse.Namespace, output: Output, _: Stage) -> int:
     return OK
 
 
-def _say_results(found: Campaign, status: Status, output: Output) -> None:
+def _say_results(campaign: Campaign, status: Status, output: Output) -> None:
     """Print progress and what the results show."""
     _say_status(status, output)
-    for line in found.sentences():
+    for line in campaign.sentences():
         output.say(one_line(line))
 
 
 def _say_status(status: Status, output: Output) -> None:
     """Print the progress of a campaign, or of each of its variants."""
     if status.variants:
-        for each in status.variants.values():
-            _say_status(each, output)
+        for part in status.variants.values():
+            _say_status(part, output)
         return
     outcomes = ", ".join(f"{count} {one_line(name)}" for name, count in status.outcomes.items())
     output.say(
@@ -148,11 +148,11 @@ def _say_status(status: Status, output: Output) -> None:
 
 
 def _rerun(options: argparse.Namespace, output: Output, stage: Stage) -> int:
-    found, code = _open(options), OK
+    campaign, code = _open(options), OK
     for index in options.index:
         stage(f"run {index}")
-        again = found.rerun(index, options.variant)
-        folder = found.folder.variant(options.variant) if options.variant else found.folder
+        again = campaign.rerun(index, options.variant)
+        folder = campaign.folder.variant(options.variant) if options.variant else campaign.folder
         output.say(f"{folder.rerun(index)}: {again.verdict}")
         code = RUN_FAILED if again.differences else code
     return code
@@ -161,10 +161,10 @@ def _rerun(options: argparse.Namespace, output: Output, stage: Stage) -> int:
 def _report(options: argparse.Namespace, output: Output, stage: Stage) -> int:
     from ffsm_mj.experiments.report import write_report
 
-    found = Campaign.open(options.folder)
-    stage(f"report of {found.config.campaign}")
-    html, page, *_ = write_report(found, Path(options.page) if options.page else None)
-    _say_results(found, found.status(), output)
+    campaign = Campaign.open(options.folder)
+    stage(f"report of {campaign.config.campaign}")
+    html, page, *_ = write_report(campaign, Path(options.page) if options.page else None)
+    _say_results(campaign, campaign.status(), output)
     output.say(f"report: {html}, {page}")
     return OK
 

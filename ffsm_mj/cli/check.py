@@ -25,7 +25,10 @@ def check(options: argparse.Namespace, output: Output) -> int:
         lines = described(load_campaign(options.scenario, options.overrides))
     else:
         prepared = prepare(options.scenario, options.overrides)
-        lines = [*prepared.describe(), *(f"uncertain: {each.size} in {each.key}" for each in checked_parameters(prepared))]
+        lines = [
+            *prepared.describe(),
+            *(f"uncertain: {parameter.size} in {parameter.key}" for parameter in checked_parameters(prepared)),
+        ]
         lines.append(f"core: {BUILT}")
     for line in lines:
         output.say(line)

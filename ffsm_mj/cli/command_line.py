@@ -112,15 +112,15 @@ def _refuse_idle(options: argparse.Namespace) -> None:
     Raises:
         InputError: An option has no effect in combination with the others.
     """
-    given = {name: value for name, value in vars(options).items() if value not in (None, False, [])}
+    stated = {name: value for name, value in vars(options).items() if value not in (None, False, [])}
     if options.version and options.command:
         raise InputError(f"ffsm: --version has no effect with the command {options.command}")
-    if "list" in given:
-        idle = [_as_written(name, value) for name, value in given.items() if name not in ("command", "action", "list")]
+    if "list" in stated:
+        idle = [_as_written(name, value) for name, value in stated.items() if name not in ("command", "action", "list")]
         if idle:
-            command = " ".join(given[part] for part in ("command", "action") if part in given)
+            command = " ".join(stated[part] for part in ("command", "action") if part in stated)
             raise InputError(f"ffsm {command}: {idle[0]} has no effect with --list")
-    words = {_as_written(name, value) for name, value in given.items()}
+    words = {_as_written(name, value) for name, value in stated.items()}
     for option, others in _WORKS_WITH.get(options.command, {}).items():
         if option in words and not words & set(others):
             raise InputError(f"ffsm {options.command}: {option} has no effect without {' or '.join(others)}")

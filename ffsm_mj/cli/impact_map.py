@@ -56,9 +56,9 @@ def impact_map(options: argparse.Namespace, output: Output) -> int:
 
 def _bound(text: str) -> tuple[str, tuple[float, float]]:
     """A range of a joint as given by ``--bounds``."""
-    name, _, given = text.partition("=")
+    name, _, range_text = text.partition("=")
     try:
-        low, high = map(float, given.split(":"))
+        low, high = map(float, range_text.split(":"))
     except ValueError:
         raise InputError(f"--bounds {text}: should be JOINT=LOW:HIGH") from None
     return name, (low, high)

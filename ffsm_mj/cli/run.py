@@ -46,9 +46,9 @@ def run(options: argparse.Namespace, output: Output) -> int:
     if options.out == "":
         complain("--out: an empty name; leave --out away for a folder in logs/")
         return BAD_INPUT
-    given = RunFolder(Path(options.out), force=options.force) if options.out else None
-    if given is not None:
-        given.refuse_earlier_run()
+    stated = RunFolder(Path(options.out), force=options.force) if options.out else None
+    if stated is not None:
+        stated.refuse_earlier_run()
     with output.progress() as stage:
         stage(f"prepare {options.scenario}")
         try:
@@ -72,12 +72,12 @@ def run(options: argparse.Namespace, output: Output) -> int:
     head = _notes(notes, options)
     if head:
         output.say(head)
-    folder = given or RunFolder.in_logs(scenario.name)
+    folder = stated or RunFolder.in_logs(scenario.name)
     live, rerun = (options.viewer or _VIEWER) if options.live else None, False if options.no_rerun else None
     with output.progress() as stage:
         report = stage(scenario.name, "s", scenario.duration_s)
         done = prepared.run(folder=folder, rerun=rerun, live=live, report=report)
-    if given is None:
+    if stated is None:
         folder.link_latest()
     said = of_run(prepared, done, folder, output)
     with noted(PATIENCE) as stopped:

@@ -25,9 +25,9 @@ def sensitivity(options: argparse.Namespace, output: Output) -> int:
     """
     from ffsm_mj.assembly.prepare import prepare
     from ffsm_mj.experiments.sensitivity import checked_parameters, of_prepared
-    from ffsm_mj.experiments.uncertainty import given
+    from ffsm_mj.experiments.uncertainty import standard_deviations
 
-    wrt = given(options.wrt)
+    wrt = standard_deviations(options.wrt)
     with output.progress() as stage:
         prepared = prepare(options.scenario, options.overrides)
         checked_parameters(prepared, wrt)
@@ -36,11 +36,11 @@ def sensitivity(options: argparse.Namespace, output: Output) -> int:
             complain(f"{nominal.outcome}: {nominal.message}")
             return RUN_FAILED
         report = stage("sensitivity", "runs")
-        found = of_prepared(prepared, nominal, options.of, wrt, "exact" if options.exact else "secant", report)
-    for sentence in found.sentences():
+        result = of_prepared(prepared, nominal, options.of, wrt, "exact" if options.exact else "secant", report)
+    for sentence in result.sentences():
         output.say(sentence)
     if options.out:
-        output.say(f"{options.out}: {_write(found, Path(options.out))}")
+        output.say(f"{options.out}: {_write(result, Path(options.out))}")
     return OK
 
 
@@ -53,15 +53,15 @@ def of_run(prepared: PreparedRun, run: Run, folder: RunFolder, output: Output) -
     from ffsm_mj.report.verification_report import SENSITIVITY_KEY
 
     with output.progress() as stage:
-        found = of_prepared(prepared, run, report=stage("sensitivity", "runs"))
-    _write(found, folder.path / SENSITIVITY)
-    folder.add_to_summary({SENSITIVITY_KEY: found.data()})
-    return found.sentences()
+        result = of_prepared(prepared, run, report=stage("sensitivity", "runs"))
+    _write(result, folder.path / SENSITIVITY)
+    folder.add_to_summary({SENSITIVITY_KEY: result.data()})
+    return result.sentences()
 
 
-def _write(found: Sensitivity, path: Path) -> str:
+def _write(sensitivity: Sensitivity, path: Path) -> str:
     """Write the table; returns a line that describes the output."""
     from ffsm_mj.report.export import to_arrow, write_arrow
 
     form = "parquet" if path.suffix.lower() == ".parquet" else "csv"
-    return write_arrow(iter([to_arrow(found.table)]), path, form)
+    return write_arrow(iter([to_arrow(sensitivity.table)]), path, form)

@@ -38,46 +38,46 @@ def view(options: argparse.Namespace, output: Output) -> int:
         return RUN_FAILED
     recording = finished_recording(run) if run is not None else None
     with tempfile.TemporaryDirectory(prefix="ffsm-") as folder:
-        made = recording or Path(folder) / RECORDING
+        target = recording or Path(folder) / RECORDING
         if options.save is not None:
             usable_file(Path(options.save))
         if recording is None:
-            _record(run, scenario, options.overrides, made, output)
+            _record(run, scenario, options.overrides, target, output)
         if options.save is None:
-            return _open_viewer(made, options.listen)
+            return _open_viewer(target, options.listen)
         with new_file(Path(options.save)) as place:
-            place.write_bytes(made.read_bytes())
+            place.write_bytes(target.read_bytes())
     output.say(f"recording: {options.save}")
     return OK
 
 
-def _run_of(given: str) -> Path | None:
+def _run_of(name: str) -> Path | None:
     """Path of a run, if it is one: its folder or its log."""
-    path = Path(given)
-    if given == LATEST:
+    path = Path(name)
+    if name == LATEST:
         find_log(path)  # its message says how to make a run
     return path if holds_log(path) else None
 
 
-def _scenario_of(given: str) -> str:
+def _scenario_of(name: str) -> str:
     """A scenario file or the name of a shipped scenario.
 
     Raises:
         InputError: It is neither; the message says what was tried.
     """
-    path = Path(given)
-    if path.exists() or given in scenario_names():
-        scenario_path(given)
-        return given
-    shipped = unknown_name("shipped scenario", given, scenario_names())
-    raise InputError(f"{given}: no run folder or log, no scenario file, and {shipped}")
+    path = Path(name)
+    if path.exists() or name in scenario_names():
+        scenario_path(name)
+        return name
+    shipped = unknown_name("shipped scenario", name, scenario_names())
+    raise InputError(f"{name}: no run folder or log, no scenario file, and {shipped}")
 
 
-def _without_display(run: Path | None, given: str) -> str:
+def _without_display(run: Path | None, name: str) -> str:
     if run is not None:
         kept = finished_recording(run) or find_log(run)
         return f"no display for the Rerun viewer; open {kept} on a machine that has one"
-    saved = command("view", given, "--save", "scene.rrd")
+    saved = command("view", name, "--save", "scene.rrd")
     return f"no display for the Rerun viewer; '{saved}' writes a recording for another machine"
 
 

@@ -64,8 +64,8 @@ class BroadPhase:
         """Indices of the pairs whose gap may be at most a distance in m."""
         if len(self.pairs) <= FEW:
             return range(len(self.pairs))
-        found: list[int] = np.flatnonzero(self.gaps(data) <= distance).tolist()
-        return found
+        near: list[int] = np.flatnonzero(self.gaps(data) <= distance).tolist()
+        return near
 
     def near(self, data: Any) -> list[int]:
         """Indices of the pairs that are so close that their gap must be evaluated on the support functions."""

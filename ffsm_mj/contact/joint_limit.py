@@ -287,9 +287,9 @@ class LimitCoordinates:
 
     def __init__(self, limits: Sequence[JointLimit]) -> None:
         """Look up their places."""
-        self.tendons = np.array([each.tendon for each in limits if isinstance(each, TendonLimit)], dtype=np.intp)
-        self.joints = [each for each in limits if not isinstance(each, TendonLimit)]
-        self._qpos = np.array([each.qpos for each in self.joints], dtype=np.intp)
+        self.tendons = np.array([limit.tendon for limit in limits if isinstance(limit, TendonLimit)], dtype=np.intp)
+        self.joints = [limit for limit in limits if not isinstance(limit, TendonLimit)]
+        self._qpos = np.array([limit.qpos for limit in self.joints], dtype=np.intp)
 
     def at(self, data: Any) -> FloatArray:
         """Values at the state in ``data``, rad or m, (n,)."""

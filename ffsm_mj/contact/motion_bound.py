@@ -166,24 +166,24 @@ class TravelBound:
 
 def _chain(model: Any, body: int) -> list[int]:
     """Bodies from the root to a body, without the world."""
-    found: list[int] = []
+    chain: list[int] = []
     while body:
-        found.insert(0, body)
+        chain.insert(0, body)
         body = int(model.body_parentid[body])
-    return found
+    return chain
 
 
 def _lengthening(model: Any, chain: Sequence[int]) -> list[int]:
     """Slide joints of a chain that follow a joint that rotates."""
-    found, rotates = [], False
+    shifts, rotates = [], False
     for body in chain:
         first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
         for joint in range(first, first + count):
             if int(model.jnt_type[joint]) != _SLIDE:
                 rotates = True
             elif rotates:
-                found.append(joint)
-    return found
+                shifts.append(joint)
+    return shifts
 
 
 def rate_per_root_energy(model: Any, data: Any, joint: int) -> float:
@@ -204,7 +204,7 @@ def rate_per_root_energy(model: Any, data: Any, joint: int) -> float:
 def _free_response(model: Any, data: Any, joint: int) -> float:
     """Bound on (M^-1)_jj without armature, 1/(kg m^2) or 1/kg; infinite if rounding decides a moment of inertia."""
     body, axis = int(model.jnt_bodyid[joint]), data.xaxis[joint]
-    groups = [_group(model, data, int(each)) for each in (model.body_parentid[body], body)]
+    groups = [_group(model, data, int(one)) for one in (model.body_parentid[body], body)]
     if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE:
         return sum(_compliance(inertia, axis) for _, _, inertia in groups)
     (mass_a, centre_a, inertia_a), (mass_b, centre_b, _) = groups

@@ -53,8 +53,8 @@ def refine_normal(first: Shape, second: Shape, estimate: FloatArray) -> FloatArr
     """
     edges = _edges(first, second, estimate, _WIDTH)
     exact = not first.position_tolerance and not second.position_tolerance
-    if exact and (found := _between_edges(first, second, estimate, edges)) is not None:
-        return _between_sides(first, second, found)
+    if exact and (directions := _between_edges(first, second, estimate, edges)) is not None:
+        return _between_sides(first, second, directions)
     best = _best_direction(first, second, estimate, _choices(edges))
     if exact:
         return _between_sides(first, second, best)
@@ -282,7 +282,7 @@ class NormalSearch(Stateful):
         return ContactNormal(normal, features, witness)
 
     def _nearer_queries(
-        self, model: Any, data: Any, shapes: tuple[Shape, Shape], found: tuple[FloatArray, FloatArray]
+        self, model: Any, data: Any, shapes: tuple[Shape, Shape], better: tuple[FloatArray, FloatArray]
     ) -> tuple[FloatArray, FloatArray]:
         """Normal and witness from queries at smaller and smaller shifts, for corners very close to each other.
 
@@ -290,7 +290,7 @@ class NormalSearch(Stateful):
         shift turns it far enough to reach the faces and edges that meet at the corners. Of all directions the contact normal
         has the largest separation, so only directions that increase it are kept.
         """
-        (best, witness), shift = found, self._shift
+        (best, witness), shift = better, self._shift
         while shift > _LEAST_SHIFT_M and not is_normal(*shapes, best):
             shift *= 0.1
             direction, between = self._shifted_query(model, data, best, shift)

@@ -207,10 +207,10 @@ class ContactPair(Stateful):
     def _with_rims(self, shapes: tuple[Shape, Shape], data: Any, near: Proximity) -> Proximity:
         """Add the point of a cap's rim at which the gap closes fastest, if it closes faster there than at all points."""
         spin = data.cvel[self.body_b][:3] - data.cvel[self.body_a][:3]
-        for here in lowest_of_rims(shapes, near.normal, spin, CONTACT_GAP_M + self.position_tolerance):
-            rates = self._rates(data, near.normal, here)[0]
+        for lowest in lowest_of_rims(shapes, near.normal, spin, CONTACT_GAP_M + self.position_tolerance):
+            rates = self._rates(data, near.normal, lowest)[0]
             if rates[0] < min(near.rate, 0.0) - near.rate_tolerance:
-                near = replace(near, points=np.concatenate((near.points, here)), rates=np.append(near.rates, rates))
+                near = replace(near, points=np.concatenate((near.points, lowest)), rates=np.append(near.rates, rates))
         return near
 
     def at_velocities(self, data: Any, near: Proximity) -> Proximity:
@@ -220,10 +220,10 @@ class ContactPair(Stateful):
 
     def _rates(self, data: Any, normal: FloatArray, points: FloatArray) -> tuple[FloatArray, float]:
         """Gap rate at each point in m/s, (k,), and its rounding."""
-        here = self._velocity(data, self.body_a, self._root1, points)
+        velocity_a = self._velocity(data, self.body_a, self._root1, points)
         there = self._velocity(data, self.body_b, self._root2, points)
-        tolerance = RATE * (1.0 + float(np.abs(here).max()) + float(np.abs(there).max()))
-        return (there - here) @ normal, tolerance
+        tolerance = RATE * (1.0 + float(np.abs(velocity_a).max()) + float(np.abs(there).max()))
+        return (there - velocity_a) @ normal, tolerance
 
     def second_rate(self, model: Any, data: Any, near: Proximity, point: FloatArray) -> SecondRate:
         """Second rate of the gap at one of the points of a proximity; accelerations in ``data`` must be current."""
@@ -245,8 +245,8 @@ class ContactPair(Stateful):
 
     def slip(self, data: Any, normal: FloatArray, point: FloatArray) -> FloatArray:
         """Tangential velocity of b relative to a at a point, world axes, (3,), m/s."""
-        here = self._velocity(data, self.body_a, self._root1, point)
-        relative = self._velocity(data, self.body_b, self._root2, point) - here
+        velocity_a = self._velocity(data, self.body_a, self._root1, point)
+        relative = self._velocity(data, self.body_b, self._root2, point) - velocity_a
         return np.asarray(relative - (relative @ normal) * normal)
 
     @staticmethod

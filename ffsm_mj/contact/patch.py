@@ -74,7 +74,7 @@ def caps_of(first: Shape, second: Shape, normal: FloatArray) -> tuple[Cap | None
     return Cap(*one) if one else None, Cap(*other) if other else None
 
 
-def on_each_other(one: Cap, other: Cap, points: FloatArray, other_points: FloatArray) -> tuple[FloatArray, FloatArray]:
+def onto_caps(one: Cap, other: Cap, points: FloatArray, other_points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Points of two level caps whose hulls have as intersection that of the points of each rim over the other cap.
 
     Args:
@@ -117,7 +117,7 @@ def facing(first: Shape, second: Shape, normal: FloatArray) -> tuple[FloatArray,
         return (first.projected(b), b) if first.is_plane else (a, second.projected(a))
     of_first, of_second = caps_of(first, second, normal)
     if of_first and of_second:
-        a, b = on_each_other(of_first, of_second, a, b)
+        a, b = onto_caps(of_first, of_second, a, b)
     elif of_first:
         a = np.vstack((a, first.rim_points(normal, b)))
     elif of_second:
@@ -233,7 +233,7 @@ def _inside(p: list[float], polygon: _Polygon, reach: float) -> bool:
 
 def _crossings(a: _Polygon, b: _Polygon) -> _Polygon:
     """Points at which an edge of one polygon crosses an edge of the other."""
-    found = []
+    crossings = []
     for p, q in _edges(a):
         dx, dy = q[0] - p[0], q[1] - p[1]
         for r, s in _edges(b):
@@ -244,8 +244,8 @@ def _crossings(a: _Polygon, b: _Polygon) -> _Polygon:
             x, y = r[0] - p[0], r[1] - p[1]
             t, v = (x * ey - y * ex) / cross, (x * dy - y * dx) / cross
             if 0.0 <= t <= 1.0 and 0.0 <= v <= 1.0:
-                found.append([p[0] + t * dx, p[1] + t * dy])
-    return found
+                crossings.append([p[0] + t * dx, p[1] + t * dy])
+    return crossings
 
 
 def _edges(polygon: _Polygon) -> list[tuple[list[float], list[float]]]:

@@ -118,8 +118,8 @@ class Shape:
         seen = hull(((places - self._position) @ self._rotation)[:, :2], merge=MERGED_M, straight=STRAIGHT)
         radius, z = float(self._size[0]), float(np.copysign(self._size[1], self._rotation[:, 2] @ direction))
         starts = np.zeros((1, 2)) if len(seen) == 1 else np.roll(seen, 1, axis=0)
-        found = [point for sides in zip(starts, seen, strict=True) for point in _on_circle(radius, *sides)]
-        rim = np.array([[x, y, z] for x, y in found]).reshape(-1, 3)
+        points = [point for sides in zip(starts, seen, strict=True) for point in _on_circle(radius, *sides)]
+        rim = np.array([[x, y, z] for x, y in points]).reshape(-1, 3)
         return np.asarray(self._position + rim @ self._rotation.T)
 
     def edges(self, direction: FloatArray, width: float) -> FloatArray:

@@ -31,19 +31,19 @@ def collidable(model: Any) -> Matrix:
     weld = model.body_weldid[model.geom_bodyid]
     parent = model.body_weldid[model.body_parentid[weld]]
     bits = (model.geom_contype[:, None] & model.geom_conaffinity[None, :]) != 0
-    found = (bits | bits.T) & (weld[:, None] != weld[None, :])
+    collide = (bits | bits.T) & (weld[:, None] != weld[None, :])
     if not model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_FILTERPARENT):
         # The world is no parent in this sense: a geom of the base may collide with the ground.
         moving = (weld[:, None] > 0) & (weld[None, :] > 0)
         joined = (weld[:, None] == parent[None, :]) | (parent[:, None] == weld[None, :])
-        found &= ~(moving & joined)
+        collide &= ~(moving & joined)
     for signature in model.exclude_signature.tolist():
         one, other = (model.geom_bodyid == body for body in (signature >> 16, signature & 0xFFFF))
         both = one[:, None] & other[None, :]
-        found &= ~(both | both.T)
+        collide &= ~(both | both.T)
     for a, b in zip(model.pair_geom1.tolist(), model.pair_geom2.tolist(), strict=True):
-        found[a, b] = found[b, a] = weld[a] != weld[b]
-    return np.asarray(found)
+        collide[a, b] = collide[b, a] = weld[a] != weld[b]
+    return np.asarray(collide)
 
 
 _MOST_GROUPS = 31
@@ -128,9 +128,9 @@ class ContactWatch(Stateful):
         """Depth of each current overlap of a watched pair."""
         contact = self._data.contact
         geoms, distances = contact.geom, contact.dist
-        found = np.flatnonzero((distances < 0.0) & self._watched[geoms[:, 0], geoms[:, 1]])
+        overlapping = np.flatnonzero((distances < 0.0) & self._watched[geoms[:, 0], geoms[:, 1]])
         depths: dict[frozenset[int], float] = {}
-        for i in found.tolist():
+        for i in overlapping.tolist():
             pair = frozenset(geoms[i].tolist())
             if pair not in self.disabled:
                 depths[pair] = max(depths.get(pair, 0.0), -float(distances[i]))
@@ -166,9 +166,9 @@ def _collide_only(model: Any, watched: Matrix) -> Any:
     model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     trees = model.body_rootid[model.geom_bodyid]
     numbers = np.minimum(np.unique(trees, return_inverse=True)[1], _MOST_GROUPS - 1)
-    own = np.where(watched.any(axis=1), 1 << numbers, 0)
-    model.geom_contype[:] = own
-    model.geom_conaffinity[:] = [np.bitwise_or.reduce(own[partners], initial=0) for partners in watched]
+    groups = np.where(watched.any(axis=1), 1 << numbers, 0)
+    model.geom_contype[:] = groups
+    model.geom_conaffinity[:] = [np.bitwise_or.reduce(groups[partners], initial=0) for partners in watched]
     # The broad phase looks at bodies, whose bits are those of all their geoms.
     for of_body, of_geom in ((model.body_contype, model.geom_contype), (model.body_conaffinity, model.geom_conaffinity)):
         of_body[:] = 0

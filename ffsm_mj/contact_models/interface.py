@@ -275,7 +275,7 @@ class EventSource(Source):
         """Whether no event is possible up to a motion bound."""
         if motion_bound < self.event_bound:
             return True
-        return bool(self.travels) and motion_bound < self.bound_within and all(each.is_within for each in self.travels)
+        return bool(self.travels) and motion_bound < self.bound_within and all(travel.is_within for travel in self.travels)
 
     def due(self) -> bool:
         """Whether an event is due at the current state, before the next step; asked as :meth:`is_clear` is."""

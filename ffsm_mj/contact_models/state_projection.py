@@ -38,7 +38,7 @@ def exchange_signs(system: System, a: int, b: int, grasped: frozenset[int] = fro
         b: Id of another one.
         grasped: Bodies of a grasped object, which is integrated as a part of the robot; see ``balance/exchange.py``.
     """
-    robot, moves = grasped.union(system.robot.bodies), [system.tree_of_body(each) is not None for each in (a, b)]
+    robot, moves = grasped.union(system.robot.bodies), [system.tree_of_body(body) is not None for body in (a, b)]
     if all(moves):
         return float(a in robot) - float(b in robot), 0.0, 0.0
     free, sign = (b, 1.0) if moves[1] else (a, -1.0)
@@ -79,20 +79,23 @@ class StateProjection(Stateful):
         self._weights = (model.body_mass * (1.0 - model.body_gravcomp))[:, None] * model.opt.gravity
         self._free = np.all([free_components(scene.system, tree) for tree in scene.system.trees], axis=0)
 
-    def apply(self, motion: Motion, rows_now: Callable[[], ClosedRows], taken: FloatArray, outside: BoolArray) -> Exchange:
+    def apply(
+        self, motion: Motion, rows_now: Callable[[], ClosedRows], projected: FloatArray, outside: BoolArray
+    ) -> Exchange:
         """Project the state in ``data`` of a motion; returns the energy and momentum this changed.
 
         Args:
             motion: The motion; the logged system follows.
             rows_now: Returns the rows of the closed contacts at the current state.
-            taken: Unit wrenches of contacts and latches with fixed bodies; see :func:`~ffsm_mj.dynamics.projection.project`.
+            projected: Unit wrenches of contacts and latches with fixed bodies; see
+                :func:`~ffsm_mj.dynamics.projection.project`.
             outside: Whether fixed bodies touch the robot, and whether they touch objects, (2,).
         """
         system, data = self._scene.system, self._scene.data
         before, qpos = self._energy_and_momenta(motion), data.qpos.copy()
-        project(motion, rows_now, self._free, taken)
+        project(motion, rows_now, self._free, projected)
         motion.path.on_event_located()
-        motion.flight.account(0.0)  # its energy and momentum are those of other velocities
+        motion.free_flight.account(0.0)  # its energy and momentum are those of other velocities
         now = self._energy_and_momenta(motion)
         energy, impulse, total = (after - then for after, then in zip(now, before, strict=True))
         # Only the sum of what fixed bodies absorb is known: it is entered for the robot if they touch it, else for the
@@ -110,19 +113,19 @@ class StateProjection(Stateful):
         mujoco.mj_differentiatePos(system.mj, displacement, 1.0, qpos, data.qpos)
         if motion.power is None:
             energy[:2] -= float(data.qfrc_actuator @ displacement)
-            others = [tree.dofs for tree in system.objects if tree not in self._own_trees(motion)]
+            others = [tree.dofs for tree in system.objects if tree not in self._robot_trees(motion)]
             of_others = sum(float(data.qfrc_actuator[dofs] @ displacement[dofs]) for dofs in others)
             energy[1:] += of_others, -of_others
         if self._springs.damped:
             heat, tendons = self._springs.dissipation_slope(data.qvel) * displacement, self._springs.tendons
             if tendons.damped:  # the dofs of a tendon are those of one tree
                 heat += (tendons.dissipation_slope(tendons.rates(data)) @ tendons.rows(data)) * displacement
-            own = sum(float(heat[tree.dofs].sum()) for tree in self._own_trees(motion))
-            energy += np.array((heat.sum(), own, heat.sum() - own))
+            of_robot = sum(float(heat[tree.dofs].sum()) for tree in self._robot_trees(motion))
+            energy += np.array((heat.sum(), of_robot, heat.sum() - of_robot))
         self.largest_J[0] = max(self.largest_J[0], np.abs(energy).max())
         return Exchange(energy, impulse, from_outside)
 
-    def _own_trees(self, motion: Motion) -> tuple[Tree, ...]:
+    def _robot_trees(self, motion: Motion) -> tuple[Tree, ...]:
         """The robot, and a grasped object."""
         grasped = motion.grasped_object
         return (self._scene.system.robot, grasped) if grasped is not None else (self._scene.system.robot,)
@@ -137,15 +140,15 @@ class StateProjection(Stateful):
         momentum = np.empty(system.mj.nv)
         mujoco.mj_mulM(system.mj, data, momentum, data.qvel)
         total = 0.5 * float(momentum @ data.qvel)
-        ours = self._own_trees(motion)
-        own = sum(0.5 * float(momentum[tree.dofs] @ data.qvel[tree.dofs]) for tree in ours)
+        ours = self._robot_trees(motion)
+        of_robot = sum(0.5 * float(momentum[tree.dofs] @ data.qvel[tree.dofs]) for tree in ours)
         elastic, tendons = self._springs.energy(data.qpos), self._springs.tendons
         np.add.at(elastic, tendons.dofs, tendons.energy(data))
         weight = np.einsum("ij,ij->i", self._weights, data.xipos)
         total += float(elastic.sum() - weight.sum())
-        own += sum(float(elastic[tree.dofs].sum() - weight[list(tree.bodies)].sum()) for tree in ours)
+        of_robot += sum(float(elastic[tree.dofs].sum() - weight[list(tree.bodies)].sum()) for tree in ours)
         of_objects = (
             momentum_matrix(system.mj, data, tree.root) @ data.qvel for tree in system.objects if tree is not grasped
         )
-        energy, of_all = np.array((total, own, total - own)), momentum_matrix(system.mj, data, 0) @ data.qvel
+        energy, of_all = np.array((total, of_robot, total - of_robot)), momentum_matrix(system.mj, data, 0) @ data.qvel
         return energy, sum(of_objects, np.zeros(6)), of_all

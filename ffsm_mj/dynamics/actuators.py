@@ -110,23 +110,23 @@ class MotorKinks:
 
     def _drive_voltages(self) -> FloatArray:
         """Voltages of the controllers of motors without limit, V."""
-        model, data, found = self._model, self._data, []
+        model, data, voltages = self._model, self._data, []
         for i, slew, integral in self._drives:
             resistance, constant, _, _, kp, ki, kd = model.actuator_gainprm[i, :7].tolist()
-            inputs, given = dict.fromkeys(("pos", "vel", "ff"), 0.0), signature_inputs(_DC, model.actuator_ctrlspec[i])
-            for at, token in enumerate(given, i):
+            inputs, tokens = dict.fromkeys(("pos", "vel", "ff"), 0.0), signature_inputs(_DC, model.actuator_ctrlspec[i])
+            for at, token in enumerate(tokens, i):
                 low, high = model.actuator_ctrlrange[at].tolist()
                 inputs[token] = float(data.ctrl[at])
                 if model.actuator_ctrllimited[at]:
                     inputs[token] = min(max(inputs[token], low), high)
             if slew >= 0:
-                inputs[given[0]] = float(data.act[slew])
+                inputs[tokens[0]] = float(data.act[slew])
             rate = float(data.actuator_velocity[i])
             torque = kd * (inputs["vel"] - rate) + inputs["ff"]
             torque += kp * (inputs["pos"] - float(data.actuator_length[i]))
             torque += ki * float(data.act[integral]) if integral >= 0 else 0.0
-            found.append(resistance / constant * torque + constant * rate)
-        return np.array(found)
+            voltages.append(resistance / constant * torque + constant * rate)
+        return np.array(voltages)
 
 
 def _muscle_curves(model: Any) -> tuple[IntArray, FloatArray, FloatArray]:

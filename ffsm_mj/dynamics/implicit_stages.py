@@ -46,7 +46,7 @@ class StiffForces(Protocol):
             accelerations: Accelerations at the nodes under the forces evaluated there, (3, nv).
         """
 
-    def held(self) -> tuple[FloatArray, FloatArray]:
+    def active_rows(self) -> tuple[FloatArray, FloatArray]:
         """Rows that these forces hold at the first node, and accelerations by forces along them without, (n, nv) each."""
 
 

@@ -36,7 +36,7 @@ class Motion:
         momentum: Generalised momentum M qdot at the state in ``data``, (nv,).
         momenta: This array, and those of other motions that follow this one: all that a move along the path may change.
         path: The last step as a path.
-        flight: Stepper in use; it accumulates the motion bound.
+        free_flight: Stepper in use; it accumulates the motion bound.
         forced: The same, while forces are applied; None without any.
         bodies: Id in this model of each body of the logged system.
         dofs: Index in this model of each degree of freedom of the logged system; -1 for one that it does not have.
@@ -86,7 +86,7 @@ class Motion:
         self.stiff: StiffActuators | None = None
         activations = Activations(model, data) if has_servos(model) else None
         self.activations = activations or None
-        self._unpushed = self.flight = self._stepper_without_pushes()
+        self._unpushed = self.free_flight = self._stepper_without_pushes()
         self._usual_s, self._free_integrate = model.opt.timestep, self.path.integrate
         self.forced: ForcedStepper | None = None
 
@@ -104,14 +104,14 @@ class Motion:
     def make_implicit(self) -> None:
         """Make implicit steps from now on: servos, springs or dampers are too fast for explicit ones."""
         self.stiff = StiffActuators(self.model, self.data, self.response)
-        for stepper in (self._unpushed, self.flight):
+        for stepper in (self._unpushed, self.free_flight):
             if isinstance(stepper, ForcedStepper):
                 stepper.stiff = self.stiff
 
     @property
     def is_solved(self) -> bool:
         """Whether the equations of the last step were solved: those of an explicit step always are."""
-        return not isinstance(self.flight, ForcedStepper) or self.flight.solved
+        return not isinstance(self.free_flight, ForcedStepper) or self.free_flight.solved
 
     @property
     def grasped_bodies(self) -> frozenset[int]:
@@ -132,10 +132,10 @@ class Motion:
             pushed = ForcedStepper(self.model, self.data, self.path.start, self.momentum, every, follow, self.power)
             pushed.stiff, pushed.activations, pushed.bands = self.stiff, self.activations, self._bands
             pushed.field = self.field
-            self.flight, self.forced, self.path.integrate = pushed, pushed, pushed.integrate
+            self.free_flight, self.forced, self.path.integrate = pushed, pushed, pushed.integrate
             pushed.refresh()
-        elif self.flight is not self._unpushed:
-            self.flight, self.forced, self.path.integrate = self._unpushed, None, self._free_integrate
+        elif self.free_flight is not self._unpushed:
+            self.free_flight, self.forced, self.path.integrate = self._unpushed, None, self._free_integrate
             clear_applied_forces(self.model, self.data)
 
     def push_without_contacts(self, data: Any) -> None:
@@ -174,7 +174,7 @@ class Motion:
         if self.forced is not None:
             self.forced.refresh()
 
-    def own_rates(self, rates: FloatArray) -> FloatArray:
+    def model_rates(self, rates: FloatArray) -> FloatArray:
         """Rates of this model for those of the logged system, (nv,): the same for the motion of that system itself."""
         return rates
 
@@ -193,9 +193,9 @@ class Motion:
     def step(self, duration_s: float) -> bool:
         """Integrate for a time and update derived quantities; returns whether the motion bound excludes any event."""
         if duration_s == self._usual_s:
-            return self.flight.step(duration_s)
+            return self.free_flight.step(duration_s)
         with time_step(self.model, duration_s):
-            return self.flight.step(duration_s)
+            return self.free_flight.step(duration_s)
 
 
 def actuator_power(
@@ -258,7 +258,7 @@ def rigid_pairs(logged: Any, motion: Motion, latches: Sequence[LatchedBodies] = 
     for latch in latches:
         one, other = group[latch.first], group[latch.second]
         if latch.count == 6:
-            group = [one if each == other else each for each in group]
+            group = [one if member == other else member for member in group]
     geoms, body, weld = range(logged.ngeom), logged.geom_bodyid, logged.body_weldid
     return frozenset(
         frozenset((a, b))
@@ -290,7 +290,7 @@ def predict(model: Any, data: Any, duration_s: float) -> None:
         mujoco.mj_fwdPosition(model, data)
         mode, decay = JointSprings(model).fastest(model, data)
         steps = max(steps, math.ceil(duration_s * max(mode.rate / MODE_STEP, decay.rate / DAMPER_STEP)))
-    if sources := [each.source for each in equalities_of(model)]:
+    if sources := [equality.source for equality in equalities_of(model)]:
         _predict_mechanism(model, data, sources, duration_s, steps)
         return
     with time_step(model, duration_s / steps):

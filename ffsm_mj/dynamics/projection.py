@@ -53,14 +53,14 @@ def needs_projection(gap: float, rate: float, slip: float) -> bool:
     return gap > PROJECTED_GAP_M or rate > PROJECTED_RATE_M_S or slip > PROJECTED_SLIP_M_S
 
 
-def project(motion: Motion, rows_now: Callable[[], ClosedRows], free: BoolArray, taken: FloatArray) -> None:
+def project(motion: Motion, rows_now: Callable[[], ClosedRows], free: BoolArray, projected: FloatArray) -> None:
     """Set gaps and gap rates to zero; positions and velocities must be current, derived quantities are updated.
 
     Args:
         motion: The current motion; the logged system follows its positions and velocities.
         rows_now: Returns the rows of the closed contacts at the current state; those of closed loops are added.
         free: Components of (P, L about the origin) that the joints leave free, (6,).
-        taken: Unit wrenches about the world origin of contacts and latches with fixed bodies, rows of (force, moment),
+        projected: Unit wrenches about the world origin of contacts and latches with fixed bodies, rows of (force, moment),
             (k, 6).
     """
     model, data = motion.model, motion.data
@@ -69,8 +69,8 @@ def project(motion: Motion, rows_now: Callable[[], ClosedRows], free: BoolArray,
         rows = rows_now()
         gaps, normals = np.array(rows.gaps), rows.normals
         if motion.loops is not None:
-            held, errors = motion.loops.independent()
-            gaps, normals = np.concatenate((gaps, errors)), np.vstack((normals, held))
+            loop_rows, errors = motion.loops.independent()
+            gaps, normals = np.concatenate((gaps, errors)), np.vstack((normals, loop_rows))
         if np.abs(gaps).max() <= 0.01 * PROJECTED_GAP_M:
             break
         mujoco.mj_integratePos(model, data.qpos, _least_change(model, data, normals, -gaps), 1.0)
@@ -85,7 +85,7 @@ def project(motion: Motion, rows_now: Callable[[], ClosedRows], free: BoolArray,
         constraints = np.vstack((constraints, motion.loops.independent()[0]))
     wanted = np.zeros(len(constraints))
     # The nearest velocities alone would change the momenta of the system by what no body outside could have taken.
-    kept = _conserved_directions(free, taken)
+    kept = _conserved_directions(free, projected)
     if len(kept):
         of_all = kept @ momentum_matrix(model, data, 0)
         constraints, wanted = np.vstack((constraints, of_all)), np.append(wanted, kept @ momentum)
@@ -104,11 +104,11 @@ def _least_change(model: Any, data: Any, constraints: FloatArray, wanted: FloatA
     return np.asarray((scale * np.linalg.lstsq(gram, scale * wanted, rcond=RANK)[0]) @ response)
 
 
-def _conserved_directions(free: BoolArray, taken: FloatArray) -> FloatArray:
+def _conserved_directions(free: BoolArray, projected: FloatArray) -> FloatArray:
     """Linear combinations of the free components of (P, L) that no contact with a fixed body can change, rows, (m, 6)."""
     components = np.eye(6)[free]
-    if not len(taken) or not len(components):
+    if not len(projected) or not len(components):
         return components
-    _, sizes, directions = np.linalg.svd(taken[:, free])
+    _, sizes, directions = np.linalg.svd(projected[:, free])
     rank = int(np.count_nonzero(sizes > RANK * sizes[0]))
     return np.asarray(directions[rank:] @ components)

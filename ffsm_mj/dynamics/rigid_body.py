@@ -111,12 +111,12 @@ class BaseMomentum:
         Returns:
             Momenta, (n, 6).
         """
-        linear, angular, own = jacp[..., self._base], jacr[..., self._base], h[:, self._base]
+        linear, angular, momentum = jacp[..., self._base], jacr[..., self._base], h[:, self._base]
         if self._orthonormal:
-            P = np.einsum("nij,nj->ni", linear, own)
-            return np.concatenate((P, np.einsum("nij,nj->ni", angular, own) + np.cross(position, P)), axis=1)
+            P = np.einsum("nij,nj->ni", linear, momentum)
+            return np.concatenate((P, np.einsum("nij,nj->ni", angular, momentum) + np.cross(position, P)), axis=1)
         jacobians = (np.vstack((v + skew(x) @ w, w)) for v, w, x in zip(linear, angular, position, strict=True))
-        return np.array([base_wrench(jacobian, p) for jacobian, p in zip(jacobians, own, strict=True)])
+        return np.array([base_wrench(jacobian, p) for jacobian, p in zip(jacobians, momentum, strict=True)])
 
 
 def _general_configurations(model: Any) -> Iterator[Any]:
@@ -149,11 +149,11 @@ def free_projectors(system: System, tree: Tree) -> tuple[FloatArray, ...]:
     """Projectors onto the wrenches about the origin that a tree's base joints leave free, in a few configurations."""
     if not system.projectors:
         jacobians = [
-            [base_jacobian(system.mj, data, each) for each in system.trees] for data in _general_configurations(system.mj)
+            [base_jacobian(system.mj, data, other) for other in system.trees] for data in _general_configurations(system.mj)
         ]
-        for each, found in zip(system.trees, zip(*jacobians, strict=True), strict=True):
-            inverses = np.linalg.pinv(np.array(found))
-            system.projectors[each.name] = tuple(map(np.matmul, found, inverses))
+        for other, of_tree in zip(system.trees, zip(*jacobians, strict=True), strict=True):
+            inverses = np.linalg.pinv(np.array(of_tree))
+            system.projectors[other.name] = tuple(map(np.matmul, of_tree, inverses))
     return system.projectors[tree.name]
 
 

@@ -89,9 +89,9 @@ class MovingFrame:
 
     def accelerations(self, qacc: FloatArray) -> FloatArray:
         """Acceleration of the point in m/s^2 and angular acceleration in rad/s^2, (6,), for joint accelerations, (nv,)."""
-        found = self._motion.acceleration(qacc)
-        found[:3] += skew(found[3:]).dot(self._arm) + self._spin.dot(self._spin.dot(self._arm))
-        return found
+        acceleration = self._motion.acceleration(qacc)
+        acceleration[:3] += skew(acceleration[3:]).dot(self._arm) + self._spin.dot(self._spin.dot(self._arm))
+        return acceleration
 
     def relative_turn(self, rates: FloatArray) -> FloatArray:
         """Angular acceleration that a body has which turns at a constant rate in this frame.

@@ -160,15 +160,15 @@ class JointSprings(Dampers):
 
     def _displacements(self, qpos: FloatArray) -> list[tuple[int, int, float, list[float]]]:
         """Springs: first dof, number of dofs, displacement (of a ball joint its angle) in rad or m, coefficients."""
-        found, turn, places = [], np.empty(3), qpos.tolist()
+        displacements, turn, places = [], np.empty(3), qpos.tolist()
         for dof, place, zero, coefficients in self._scalars:
-            found.append((dof, 1, places[place] - zero, coefficients))
+            displacements.append((dof, 1, places[place] - zero, coefficients))
         for dof, place, reference, coefficients in self._balls:
             quaternion = qpos[place : place + 4].copy()
             mujoco.mju_normalize4(quaternion)
             mujoco.mju_subQuat(turn, quaternion, reference)
-            found.append((dof, 3, math.hypot(*turn.tolist()), coefficients))
-        return found
+            displacements.append((dof, 3, math.hypot(*turn.tolist()), coefficients))
+        return displacements
 
     def energy(self, qpos: FloatArray) -> FloatArray:
         """Elastic energy at a configuration, J, at the first degree of freedom of each joint, (nv,)."""

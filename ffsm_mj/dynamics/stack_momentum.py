@@ -30,9 +30,9 @@ class StackMomentum:
         """Find the rotors."""
         self._model, self._root = system.mj, system.robot.root
         self._roots = {tree.name: tree.root for tree in system.objects}
-        found = rotors(system)
-        self.wheels = tuple(joint.name for joint in found)
-        self.dofs = np.array([joint.dofs.start for joint in found], dtype=np.intp)
+        wheels = rotors(system)
+        self.wheels = tuple(joint.name for joint in wheels)
+        self.dofs = np.array([joint.dofs.start for joint in wheels], dtype=np.intp)
         self._axes = np.empty((3, self._model.nv))
 
     def wheel_columns(self, data: Any) -> FloatArray:

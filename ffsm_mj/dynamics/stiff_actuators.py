@@ -142,12 +142,12 @@ class StiffActuators:
         """Inverse of the matrix of all nodes, (s nv, s nv)."""
         weights = duration_s * COEFFICIENTS
         nodes, n, square = len(weights), len(self._mobility), weights @ weights
-        found = np.eye(nodes * n).reshape(nodes, n, nodes, n)
+        matrix = np.eye(nodes * n).reshape(nodes, n, nodes, n)
         for i in range(nodes):
             K, D = self._stiffness(acting[i])
-            found[i] += np.einsum("ab,j->ajb", self._mobility @ D, weights[i])
-            found[i] += np.einsum("ab,j->ajb", self._mobility @ K, square[i])
-        return np.asarray(np.linalg.inv(found.reshape(nodes * n, nodes * n)), dtype=np.float64)
+            matrix[i] += np.einsum("ab,j->ajb", self._mobility @ D, weights[i])
+            matrix[i] += np.einsum("ab,j->ajb", self._mobility @ K, square[i])
+        return np.asarray(np.linalg.inv(matrix.reshape(nodes * n, nodes * n)), dtype=np.float64)
 
     def _stiffness(self, acting: BoolArray) -> tuple[FloatArray, FloatArray]:
         rows = self._rows
@@ -164,16 +164,16 @@ class StiffActuators:
             Of q'' = -M^-1 (K q + D q'), and with the activations as further states, 1/s.
         """
         model, data = self._model, self._data
-        kept, found = data.ctrl.copy(), []
+        kept, rates = data.ctrl.copy(), []
         for controls in (
             kept,
             *np.where(model.actuator_ctrllimited.astype(bool)[:, None], model.actuator_ctrlrange, kept[:, None]).T,
         ):
             data.ctrl[:] = controls
-            found.append(self._rates())
+            rates.append(self._rates())
         data.ctrl[:] = kept
         mujoco.mj_fwdActuation(model, data)
-        mechanical, all_states = np.max(found, axis=0).tolist()
+        mechanical, all_states = np.max(rates, axis=0).tolist()
         return mechanical, all_states
 
     def _rates(self) -> tuple[float, float]:
@@ -187,15 +187,15 @@ class StiffActuators:
         system[:nv, nv : 2 * nv] = np.eye(nv)
         system[nv : 2 * nv, : 2 * nv] = -inverse @ np.hstack((K, D))
         owners = np.repeat(np.arange(model.nactuator), model.actuator_actnum)
-        own = (owners[:, None] == servos) @ rows  # transmission of the servo of each activation, (na, nv)
+        transmission = (owners[:, None] == servos) @ rows  # transmission of the servo of each activation, (na, nv)
         for part, values, step in ((0, data.actuator_length, _LENGTH), (nv, data.actuator_velocity, _RATE)):
             slopes = _differences(self._unlimited, data, values, servos, step)[1]
-            system[2 * nv :, part : part + nv] = slopes[:, None] * own
+            system[2 * nv :, part : part + nv] = slopes[:, None] * transmission
         for i in range(na):
             forces, slopes = _differences(self._unlimited, data, data.act, [i], _ACTIVATION)
             system[nv : 2 * nv, 2 * nv + i] = inverse @ rows.T @ forces[servos]
             system[2 * nv :, 2 * nv + i] = slopes
-        of_states = [np.abs(np.linalg.eigvals(each)).max(initial=0.0) for each in (system[: 2 * nv, : 2 * nv], system)]
+        of_states = [np.abs(np.linalg.eigvals(block)).max(initial=0.0) for block in (system[: 2 * nv, : 2 * nv], system)]
         return float(of_states[0]), float(of_states[1])
 
 
@@ -211,11 +211,11 @@ def _differences(model: Any, data: Any, values: FloatArray, some: Any, step: flo
 
     By central differences without limits, which are exact where the law is affine; servos do not act on each other.
     """
-    kept, found = values[some].copy(), []
+    kept, outcomes = values[some].copy(), []
     for sign in (1.0, -1.0):
         values[some] = kept + sign * step
         mujoco.mj_fwdActuation(model, data)
-        found.append((data.actuator_force.copy(), data.act_dot.copy()))
+        outcomes.append((data.actuator_force.copy(), data.act_dot.copy()))
     values[some] = kept
-    forces, rates = ((plus - minus) / (2.0 * step) for plus, minus in zip(*found, strict=True))
+    forces, rates = ((plus - minus) / (2.0 * step) for plus, minus in zip(*outcomes, strict=True))
     return forces, rates

@@ -78,7 +78,7 @@ class MinimumJerk:
         Args:
             order: 0 for positions, 1 for rates.
         """
-        found = []
+        extremal = []
         for k, (length, coefficients) in enumerate(zip(self._lengths, self._coefficients, strict=True)):
             ends = {0.0, 1.0}
             for joint in coefficients.T:
@@ -86,8 +86,8 @@ class MinimumJerk:
                 # A double root, as where a path rests on its way, may come with an imaginary part of rounding.
                 ends |= {float(root.real) for root in roots if abs(root.imag) < _REAL and 0.0 < root.real < 1.0}
             for s in sorted(ends):
-                found.append((float(self.times[k] + s * length), _row(s, order) @ coefficients / length**order))
-        return found
+                extremal.append((float(self.times[k] + s * length), _row(s, order) @ coefficients / length**order))
+        return extremal
 
 
 def _solved(entries: Sequence[tuple[int, int, float]], right: FloatArray) -> FloatArray:

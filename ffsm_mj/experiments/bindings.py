@@ -73,8 +73,8 @@ class Targets:
             ScenarioFaults: No run can start from the initial state.
         """
         parts = tuple(key.split("."))
-        found = self._in_models(parts) if parts[0] in self._models else self._inside(self._scenario, parts, ())
-        return list(found)
+        targets = self._in_models(parts) if parts[0] in self._models else self._inside(self._scenario, parts, ())
+        return list(targets)
 
     def _in_models(self, parts: tuple[str, ...]) -> Iterator[Target]:
         """Properties of bodies in the plant or in the controller model."""
@@ -87,19 +87,19 @@ class Targets:
             yield Target(key, value, *_place(value, parts[size:], key, {}))
 
     def _inside(self, node: Any, parts: tuple[str, ...], path: tuple[str, ...]) -> Iterator[Target]:
-        here = ".".join(path) or "the scenario"
+        where = ".".join(path) or "the scenario"
         if isinstance(node, BaseModel):
             yield from self._in_model(node, parts, path)
         elif path[:1] == ("initial",) and len(path) == 2:
             yield from self._in_state(parts, path[1])
         elif isinstance(node, Mapping):
-            for name in _named(parts, node, f"{here} is a mapping"):
+            for name in _named(parts, node, f"{where} is a mapping"):
                 yield from self._inside(node[name], parts[1:], (*path, name))
         elif isinstance(node, tuple) and (parts[:1] == (WILDCARD,) or any(isinstance(item, BaseModel) for item in node)):
-            for position, rest in _items(node, parts, here):
+            for position, rest in _items(node, parts, where):
                 yield from self._inside(node[position], rest, (*path, str(position)))
         else:
-            yield Target(".".join(path), node, *_place(node, parts, here, {}))
+            yield Target(".".join(path), node, *_place(node, parts, where, {}))
 
     def _in_model(self, node: BaseModel, parts: tuple[str, ...], path: tuple[str, ...]) -> Iterator[Target]:
         fields = {field.alias or name: (name, field) for name, field in type(node).model_fields.items()}
@@ -159,11 +159,11 @@ def _named(parts: tuple[str, ...], entries: Mapping[str, Any], what: str) -> lis
     return [*entries] if parts[0] == WILDCARD else [parts[0]]
 
 
-def _items(items: tuple[Any, ...], parts: tuple[str, ...], here: str) -> list[tuple[int, tuple[str, ...]]]:
+def _items(items: tuple[Any, ...], parts: tuple[str, ...], where: str) -> list[tuple[int, tuple[str, ...]]]:
     """Positions in a list of named items that match the next parts of a key, each with the remaining parts."""
     names = [getattr(item, "name", None) for item in items]
     if not parts:
-        raise LookupError(f"{here} is a list; name an item: {', '.join(name for name in names if name)}")
+        raise LookupError(f"{where} is a list; name an item: {', '.join(name for name in names if name)}")
     if parts[0] == WILDCARD:
         return [(position, parts[1:]) for position in range(len(items))]
     if parts[0].isdecimal() and int(parts[0]) < len(items):
@@ -172,11 +172,11 @@ def _items(items: tuple[Any, ...], parts: tuple[str, ...], here: str) -> list[tu
         if (name := ".".join(parts[:used])) in names:
             return [(names.index(name), parts[used:])]
     known = [name for name in names if name]
-    raise LookupError(f"{here} is a list of {len(items)}: {unknown_name('position or name', parts[0], known)}")
+    raise LookupError(f"{where} is a list of {len(items)}: {unknown_name('position or name', parts[0], known)}")
 
 
 def _place(
-    value: Any, parts: tuple[str, ...], here: str, spans: Mapping[str, tuple[int, int]]
+    value: Any, parts: tuple[str, ...], where: str, spans: Mapping[str, tuple[int, int]]
 ) -> tuple[tuple[int, ...], tuple[int, int] | None]:
     """Positions or span in a value from the last parts of a key."""
     if len(parts) == 1 and parts[0] in spans:
@@ -184,10 +184,10 @@ def _place(
     at: tuple[int, ...] = ()
     for part in parts:
         if not isinstance(value, tuple):
-            raise LookupError(f"{here} is a single value and has no {part!r}")
+            raise LookupError(f"{where} is a single value and has no {part!r}")
         if not part.isdecimal() or int(part) >= len(value):
             known = "".join(f", {name}" for name in spans)
-            raise LookupError(f"{here} is a list of {len(value)}: its positions are 0 to {len(value) - 1}{known}")
+            raise LookupError(f"{where} is a list of {len(value)}: its positions are 0 to {len(value) - 1}{known}")
         value, at = value[int(part)], (*at, int(part))
     return at, None
 
@@ -226,7 +226,7 @@ def bind_dispersions(dispersions: Mapping[str, Dispersion], targets: Targets) ->
         columns, column = tuple(range(column, column + count)), column + count
         for key, path in _keys(name, dispersion):
             try:
-                for target in _found(targets, key):
+                for target in _matches(targets, key):
                     _refuse_second(owners, name, target, effect := _effect(dispersion, target, columns))
                     old = bindings.get(target.key, Binding(target.key, target.value, ()))
                     bindings[target.key] = Binding(old.key, old.base, (*old.effects, effect))
@@ -248,13 +248,13 @@ def _keys(name: str, dispersion: Dispersion) -> Iterator[tuple[str, KeyPath]]:
         yield key, ("dispersions", name, "keys", i)
 
 
-def _found(targets: Targets, key: str) -> list[Target]:
+def _matches(targets: Targets, key: str) -> list[Target]:
     if "=" in key:
         raise LookupError("a key that contains '=' cannot be set")
-    found = targets.find(key)
-    if not found:
+    matching = targets.find(key)
+    if not matching:
         raise LookupError(f"{key} matches nothing in this scenario")
-    return found
+    return matching
 
 
 def _effect(dispersion: Dispersion, target: Target, columns: tuple[int, ...]) -> ValueOperation:
@@ -348,13 +348,13 @@ def refuse_wrong_rows(base: PreparedRun, design: Design, source: YamlSource, sca
 
 def extreme_rows(design: Design) -> list[int]:
     """Indices of the first row, and of rows with the smallest and largest number, or each text, of a parameter."""
-    found = {0}
+    chosen = {0}
     for column in zip(*design.rows, strict=True):
         if all(isinstance(value, int | float) and not isinstance(value, bool) for value in column):
-            found |= {int(np.argmin(column)), int(np.argmax(column))}
+            chosen |= {int(np.argmin(column)), int(np.argmax(column))}
         else:
-            found |= {column.index(value) for value in dict.fromkeys(column)}
-    return sorted(found)
+            chosen |= {column.index(value) for value in dict.fromkeys(column)}
+    return sorted(chosen)
 
 
 def _message(line: str, run: int, changes: Mapping[str, str], owners: Mapping[str, str], source: YamlSource) -> str:
@@ -380,7 +380,7 @@ def _not_applied(targets: Targets, key: str, sampled: Any) -> str:
 
 def _same(a: Any, b: Any, rounding: float) -> bool:
     if isinstance(a, tuple | list) and isinstance(b, tuple | list):
-        return len(a) == len(b) and all(_same(*each, rounding) for each in zip(a, b, strict=True))
+        return len(a) == len(b) and all(_same(*values, rounding) for values in zip(a, b, strict=True))
     if isinstance(a, float) and isinstance(b, int | float):
         return abs(a - b) <= rounding * max(1.0, abs(a))
     return type(a) is type(b) and bool(a == b)

@@ -36,7 +36,7 @@ from ffsm_mj.experiments.metrics import (
     ScriptClasses,
     execute_metrics,
     functions_of,
-    own_classes,
+    script_classes,
 )
 from ffsm_mj.experiments.page import summary_lines
 from ffsm_mj.experiments.planning import Plan, VariantsPlan, load_campaign, read_campaign, stored_plan
@@ -78,14 +78,14 @@ class Campaign:
         not_applicable: Why the control laws of the other variants cannot be created for their scenarios, by name.
     """
 
-    def __init__(self, plan: Plan, design: Design, folder: CampaignFolder, own: ScriptClasses) -> None:
+    def __init__(self, plan: Plan, design: Design, folder: CampaignFolder, classes: ScriptClasses) -> None:
         """Store the parts; use :meth:`load` or :meth:`open`."""
         self.config: CampaignFile = plan.config
         self.design, self.folder = design, folder
         self.variants: Mapping[str, Campaign] = {}
         self.not_applicable: Mapping[str, str] = {}
-        self._plan, self._own = plan, own
-        self._settings = campaign_settings(plan, own)
+        self._plan, self._classes = plan, classes
+        self._settings = campaign_settings(plan, classes)
 
     @classmethod
     def load(
@@ -113,14 +113,16 @@ class Campaign:
             InputError: The file is invalid, or the folder holds a campaign with other settings.
             LogWriteError: The folder cannot be written (full disk).
         """
-        own = own_classes(campaign.get("scenario") if isinstance(campaign, Mapping) else None, controllers, estimators)
-        return cls.begin(load_campaign(campaign, overrides, replace(own, metrics=functions_of(metrics))), Path(out))
+        classes = script_classes(
+            campaign.get("scenario") if isinstance(campaign, Mapping) else None, controllers, estimators
+        )
+        return cls.begin(load_campaign(campaign, overrides, replace(classes, metrics=functions_of(metrics))), Path(out))
 
     @classmethod
     def begin(cls, plan: Plan | VariantsPlan, out: Path) -> Campaign:
         """Create or continue a campaign from a plan; see :meth:`load`."""
         folder = CampaignFolder(out)
-        execute_metrics(plan.own.metrics)
+        execute_metrics(plan.classes.metrics)
         with folder.locked():
             with_variants = isinstance(plan, VariantsPlan)
             if folder.is_initialized and folder.has_variants != with_variants:
@@ -134,10 +136,10 @@ class Campaign:
         if not folder.is_initialized:
             design = plan.design()
             config, files = plan.config.model_dump(mode="json", exclude_none=True), plan.base.logged_files
-            folder.write(config, plan.base.scenario_yaml, files, design, *_recorded(plan.own, {}))
-        found = cls(stored_plan(folder.path / CAMPAIGN, plan.own), folder.design(), folder, plan.own)
-        found._adopt(plan, shown)
-        return found
+            folder.write(config, plan.base.scenario_yaml, files, design, *_recorded(plan.classes, {}))
+        campaign = cls(stored_plan(folder.path / CAMPAIGN, plan.classes), folder.design(), folder, plan.classes)
+        campaign._adopt(plan, shown)
+        return campaign
 
     @classmethod
     def _with_variants(cls, plan: VariantsPlan, folder: CampaignFolder) -> Campaign:
@@ -147,9 +149,9 @@ class Campaign:
             InputError: The folder holds something else, or a variant that the plan lacks or that has other settings.
         """
         if folder.is_initialized:
-            made = [path.name for path in sorted((folder.path / VARIANTS).iterdir())]
+            stored = [path.name for path in sorted((folder.path / VARIANTS).iterdir())]
             known = {*plan.variants, *plan.not_applicable}
-            if missing := [name for name in [*made, *folder.record().not_applicable] if name not in known]:
+            if missing := [name for name in [*stored, *folder.record().not_applicable] if name not in known]:
                 text = f"holds the variants {', '.join(missing)}, which the campaign file does not have"
                 raise InputError(f"{folder.path}: {text}")
         else:
@@ -162,25 +164,25 @@ class Campaign:
             if begun.design.rows != first.design.rows:
                 raise InputError(f"{begun.folder.path}: its samples are not those of {first.folder.path}")
         config = plan.config.model_dump(mode="json", exclude_none=True)
-        folder.write_variants(config, *_recorded(plan.own, plan.not_applicable))
-        return cls._of_variants(plan.config, folder, plan.own, plan.not_applicable)
+        folder.write_variants(config, *_recorded(plan.classes, plan.not_applicable))
+        return cls._of_variants(plan.config, folder, plan.classes, plan.not_applicable)
 
     @classmethod
     def _of_variants(
-        cls, config: CampaignFile, folder: CampaignFolder, own: ScriptClasses, not_applicable: Mapping[str, str]
+        cls, config: CampaignFile, folder: CampaignFolder, classes: ScriptClasses, not_applicable: Mapping[str, str]
     ) -> Campaign:
         """Open the variants in a folder.
 
         Raises:
             InputError: There is none, or one of them cannot be read.
         """
-        variants = {n: cls.stored(folder.variant(n), own) for n in config.variants if n not in not_applicable}
+        variants = {n: cls.stored(folder.variant(n), classes) for n in config.variants if n not in not_applicable}
         if not variants:
             raise InputError(f"{folder.path}: none of its variants is applicable")
         first = next(iter(variants.values()))
-        found = cls(first._plan, first.design, folder, own)
-        found.config, found.variants, found.not_applicable = config, variants, not_applicable
-        return found
+        campaign = cls(first._plan, first.design, folder, classes)
+        campaign.config, campaign.variants, campaign.not_applicable = config, variants, not_applicable
+        return campaign
 
     @classmethod
     def open(
@@ -199,16 +201,16 @@ class Campaign:
         folder, functions = CampaignFolder(Path(out)), functions_of(metrics)
         record = folder.record()
         known = {name: functions.get(name, MissingMetric()) for name in record.metrics}
-        own = ScriptClasses(dict(controllers), dict(estimators), known)
+        classes = ScriptClasses(dict(controllers), dict(estimators), known)
         if folder.has_variants:
-            return cls._of_variants(read_campaign(folder.path / CAMPAIGN), folder, own, record.not_applicable)
-        return cls.stored(folder, own)
+            return cls._of_variants(read_campaign(folder.path / CAMPAIGN), folder, classes, record.not_applicable)
+        return cls.stored(folder, classes)
 
     @classmethod
-    def stored(cls, folder: CampaignFolder, own: ScriptClasses) -> Campaign:
+    def stored(cls, folder: CampaignFolder, classes: ScriptClasses) -> Campaign:
         """Open a campaign without variants with all classes and functions of the caller; see :meth:`open`."""
         design = folder.design()
-        return cls(stored_plan(folder.path / CAMPAIGN, own), design, folder, own)
+        return cls(stored_plan(folder.path / CAMPAIGN, classes), design, folder, classes)
 
     def _adopt(self, plan: Plan, shown: Path) -> None:
         """Replace the campaign file by that of a plan with the same settings: rows do not depend on the other keys.
@@ -216,7 +218,7 @@ class Campaign:
         Raises:
             InputError: The settings or the number of samples differ.
         """
-        other = campaign_settings(plan, self._own)
+        other = campaign_settings(plan, self._classes)
         with self._table() as store:
             stored = store.settings or self._settings  # classes and functions of a script are known from the rows only
         if other != stored:
@@ -261,7 +263,7 @@ class Campaign:
     def table_rows(self) -> list[TableRow]:
         """A dictionary per run, with the name of its variant first; see :func:`ffsm_mj.experiments.results.table_rows`."""
         if self.variants:
-            return [{"variant": name, **row} for name, each in self.variants.items() for row in each.table_rows()]
+            return [{"variant": name, **row} for name, part in self.variants.items() for row in part.table_rows()]
         return table_rows(self.rows(), self.design, self.config.conditions)
 
     def table(self) -> Any:
@@ -271,7 +273,9 @@ class Campaign:
     def status(self) -> Status:
         """Progress of the campaign and of each variant."""
         if self.variants:
-            return status_of_variants(self.config.campaign, {name: each.status() for name, each in self.variants.items()})
+            return status_of_variants(
+                self.config.campaign, {name: variant.status() for name, variant in self.variants.items()}
+            )
         with self._table() as store:
             return status_of(store, self.config.campaign, len(self.design.rows))
 
@@ -284,7 +288,7 @@ class Campaign:
 
     def variant_results(self) -> VariantResults:
         """All rows so far, by variant; of a campaign without, those of the empty name."""
-        variants = {name: each.results() for name, each in (self.variants or {"": self}).items()}
+        variants = {name: part.results() for name, part in (self.variants or {"": self}).items()}
         return VariantResults(self.config, variants, self.not_applicable)
 
     def fraction(self, what: str = "success") -> Proportion:
@@ -332,8 +336,8 @@ class Campaign:
         with closing(Store(self.folder.table)) as store:
             store.begin(settings_hash(self._settings), self._settings)
             if store.settings != self._settings:
-                found = differences(store.settings, self._settings)
-                raise InputError(f"{self.folder.path}: its rows were made with other settings: {found}")
+                changed = differences(store.settings, self._settings)
+                raise InputError(f"{self.folder.path}: its rows were made with other settings: {changed}")
             yield store
 
     def run(
@@ -365,10 +369,10 @@ class Campaign:
             LogWriteError: The table cannot be written (full disk); earlier rows are kept.
         """
         self._refuse_missing_metrics()
-        here = [name for name, each in self._own.every.items() if not importable(each)]
-        if here and executor is None and not dask:
-            told = "cannot be imported by other processes: all runs are executed in this one"
-            print(f"{self.config.campaign}: {', '.join(here)} {told}", file=sys.stderr)
+        local = [name for name, class_ in self._classes.every.items() if not importable(class_)]
+        if local and executor is None and not dask:
+            reason = "cannot be imported by other processes: all runs are executed in this one"
+            print(f"{self.config.campaign}: {', '.join(local)} {reason}", file=sys.stderr)
         with self.folder.locked(), dask_address(dask, workers) as address:
             return self._run(executor, workers, address, retry, report)
 
@@ -377,34 +381,34 @@ class Campaign:
     ) -> Status:
         """Execute the runs of a campaign whose folder is locked; see :meth:`run`."""
         if self.variants:
-            progress = {name: each.status() for name, each in self.variants.items()}
-            total = sum(each.runs for each in progress.values())
-            for name, each in self.variants.items():
+            progress = {name: variant.status() for name, variant in self.variants.items()}
+            total = sum(part.runs for part in progress.values())
+            for name, variant in self.variants.items():
                 others = sum(status.done for other, status in progress.items() if other != name)
-                told = None if report is None else _of_whole(report, others, total)
-                with each.folder.locked():
-                    progress[name] = each._run(executor, workers, dask, retry, told)
+                shown = None if report is None else _of_whole(report, others, total)
+                with variant.folder.locked():
+                    progress[name] = variant._run(executor, workers, dask, retry, shown)
             return status_of_variants(self.config.campaign, progress)
         with self._writable_table() as store:
-            engine = choose_engine(executor, workers, dask, self._own.every.values(), self.config.limits.workers)
+            engine = choose_engine(executor, workers, dask, self._classes.every.values(), self.config.limits.workers)
             self.design = self.folder.design()  # another process may have extended it
             if retry:
                 store.drop(retry)
             done = store.done()
             left = [(i, self.design.overrides(i)) for i in range(len(self.design.rows)) if i not in done]
-            total, made = len(self.design.rows), len(done)
+            total, finished = len(self.design.rows), len(done)
             stopping = StoppingRule(self.config, total, done, store.failed(FIRST), self.results)
 
             def keep(rows: Sequence[RunRow]) -> None:
-                nonlocal made
+                nonlocal finished
                 store.add(rows)
                 stopping.add(rows)
-                made += len(rows)
+                finished += len(rows)
                 if report is not None:
-                    report(made, total)
+                    report(finished, total)
 
             if not stopping.ends():
-                Driver(engine, self._job(own=engine.own_processes), keep, stopping.ends).drive(left)
+                Driver(engine, self._job(exclusive=engine.exclusive_processes), keep, stopping.ends).drive(left)
         return replace(self.status(), stopped=stopping.failing if self.status().left else "", enough=stopping.enough)
 
     def _refuse_missing_metrics(self) -> None:
@@ -413,23 +417,23 @@ class Campaign:
         Raises:
             InputError: Functions are missing, or the file raises an exception.
         """
-        missing = [name for name, function in self._own.metrics.items() if isinstance(function, MissingMetric)]
+        missing = [name for name, function in self._classes.metrics.items() if isinstance(function, MissingMetric)]
         if missing:
             file = self.folder.record().metrics_file
             how = f"give {option('metrics', '...')} with {'that file' if file else 'its functions'}"
             of = f"metrics of {file or 'a script'} are needed to run it ({', '.join(missing)})"
             raise InputError(f"{self.folder.path}: {of}; {how}")
-        execute_metrics(self._own.metrics)
+        execute_metrics(self._classes.metrics)
 
-    def _job(self, *, own: bool) -> Job:
+    def _job(self, *, exclusive: bool) -> Job:
         return Job(
             scenario=str(self.folder.scenario.resolve()),
             metrics=self.config.kept_metrics,
             versions=row_versions(),
             digest=settings_hash(self._settings),
             timeout_s=self.config.limits.timeout_s or 0.0,
-            own=self._own,
-            own_process=own,
+            classes=self._classes,
+            exclusive_process=exclusive,
             truncated=self.config.truncated,
         )
 
@@ -443,9 +447,9 @@ class Campaign:
             InputError: Samples of this kind cannot be extended, or not to this number.
         """
         with self.folder.locked():
-            for each in self.variants.values():
-                if each.design.n != n:  # an earlier call that was interrupted has extended it
-                    each.extend(n)
+            for variant in self.variants.values():
+                if variant.design.n != n:  # an earlier call that was interrupted has extended it
+                    variant.extend(n)
             config = self.config.model_copy(update={"samples": self.config.samples.model_copy(update={"n": n})})
             if not self.variants:
                 self.design = self._plan.extended(self.folder.design(), n)
@@ -453,7 +457,7 @@ class Campaign:
                 self._rewrite(config)
                 return
             self.config, keys = config, config.model_dump(mode="json", exclude_none=True)
-            self.folder.write_variants(keys, *_recorded(self._own, self.not_applicable, self.folder.record()))
+            self.folder.write_variants(keys, *_recorded(self._classes, self.not_applicable, self.folder.record()))
 
     def rerun(self, index: int, variant: str = "") -> Rerun:
         """Repeat a run and write its log into the folder of the campaign.
@@ -479,18 +483,18 @@ class Campaign:
             same = store.settings == self._settings
         self.folder.refuse_links()
         folder = self.folder.rerun(index)
-        return rerun(self._job(own=False), index, self.design.overrides(index), folder, row, same_settings=same)
+        return rerun(self._job(exclusive=False), index, self.design.overrides(index), folder, row, same_settings=same)
 
     def kept(self) -> list[int]:
         """Indices of the runs whose logs the campaign file asks for."""
         return runs_to_keep(self.rows(), self.config.keep)
 
 
-def _recorded(own: ScriptClasses, not_applicable: Mapping[str, str], before: Record | None = None) -> tuple[Record, str]:
+def _recorded(classes: ScriptClasses, not_applicable: Mapping[str, str], before: Record | None = None) -> tuple[Record, str]:
     """Record of a campaign, and the text of its metrics file; empty if it has none or keeps the one before."""
-    files = [each for each in own.metrics.values() if isinstance(each, FileMetric)]
+    files = [metric for metric in classes.metrics.values() if isinstance(metric, FileMetric)]
     file = files[0].file if files else before.metrics_file if before is not None else ""
-    return Record(not_applicable, tuple(own.metrics), file), files[0].text if files else ""
+    return Record(not_applicable, tuple(classes.metrics), file), files[0].text if files else ""
 
 
 def _of_whole(report: Report, others: int, total: int) -> Report:
@@ -508,7 +512,7 @@ def compare_campaigns(one: Campaign | str | Path, other: Campaign | str | Path) 
     Raises:
         InputError: A folder holds no campaign, they have no run in common, or their samples differ.
     """
-    first, second = (each if isinstance(each, Campaign) else Campaign.open(each) for each in (one, other))
+    first, second = (source if isinstance(source, Campaign) else Campaign.open(source) for source in (one, other))
     names = _names(first.folder.path, second.folder.path)
     results = VariantResults(first.config, {names[0]: first.results(), names[1]: second.results()})
     refuse_other_samples(results)
@@ -563,7 +567,7 @@ def sweep(
         "scenario": str(scenario_path(scenario).resolve()) if isinstance(scenario, str | Path) else scenario,
         "overrides": overrides,
         "samples": {"kind": "grid"},
-        "dispersions": {key: {"choice": each} for key, each in values.items()},
+        "dispersions": {key: {"choice": value} for key, value in values.items()},
         "metrics": list(metrics),
         "limits": {"max_failed": 1.0},
     }

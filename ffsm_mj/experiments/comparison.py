@@ -12,7 +12,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import InputError
 from ffsm_mj.experiments.results import GOOD, SUCCESS, VariantResults, finite, numbers, passed
-from ffsm_mj.experiments.statistics import CONFIDENCE, Proportion, told_mean
+from ffsm_mj.experiments.statistics import CONFIDENCE, Proportion, mean_text
 from ffsm_mj.report.markdown import percent
 
 LEAST_RUNS = 6
@@ -76,12 +76,12 @@ class PairedDifference:
             return f"{self.metric}, {second} and {first}: {numbers} in one run."
         if not self.lower and not self.higher:
             return f"{self.metric}: equal in {second} and {first} ({self.second:.4g}; {self.n} runs)."
-        found = (
+        details = (
             f"({numbers} [{self.low:.3g}, {self.high:.3g}]; {self.n} runs, less in {self.lower} and more in {self.higher})"
         )
         if not self.sign:
-            return f"{self.metric}: no difference is shown between {second} and {first} {found}."
-        return f"{self.metric}: {'less' if self.sign < 0 else 'more'} in {second} than in {first} {found}."
+            return f"{self.metric}: no difference is shown between {second} and {first} {details}."
+        return f"{self.metric}: {'less' if self.sign < 0 else 'more'} in {second} than in {first} {details}."
 
 
 def paired_difference(metric: str, first: FloatArray, second: FloatArray) -> PairedDifference | None:
@@ -121,8 +121,8 @@ def bootstrap_interval(values: FloatArray) -> tuple[float, float]:
     tail = norm.sf(math.sqrt(n / (n - 1.0)) * t.ppf(0.5 * (1.0 + CONFIDENCE), n - 1))
     level = 1.0 - 2.0 * max(float(tail), 1.0 / _RESAMPLES)
     random = np.random.default_rng(0)
-    found = bootstrap((values,), np.mean, n_resamples=_RESAMPLES, batch=_BLOCK, confidence_level=level, rng=random)
-    low, high = found.confidence_interval
+    resampled = bootstrap((values,), np.mean, n_resamples=_RESAMPLES, batch=_BLOCK, confidence_level=level, rng=random)
+    low, high = resampled.confidence_interval
     return float(low), float(high)
 
 
@@ -156,7 +156,7 @@ class VariantPair:
 
     def reversed(self) -> VariantPair:
         """The same comparison, first less second."""
-        differences = {name: each.reversed() for name, each in self.differences.items()}
+        differences = {name: difference.reversed() for name, difference in self.differences.items()}
         both, first, second, none = self.good
         good = (both, second, first, none)
         return VariantPair(self.second, self.first, self.common, self.compared, good, differences)
@@ -199,22 +199,22 @@ class VariantComparison:
         Raises:
             KeyError: They are not compared.
         """
-        for each in self.pairs:
-            if (each.first, each.second) == (first, second):
-                return each
-            if (each.second, each.first) == (first, second):
-                return each.reversed()
+        for candidate in self.pairs:
+            if (candidate.first, candidate.second) == (first, second):
+                return candidate
+            if (candidate.second, candidate.first) == (first, second):
+                return candidate.reversed()
         raise KeyError((first, second))
 
     def sentences(self) -> list[str]:
         """What is shown, one sentence each: rankings, runs that are left out, variants and metrics without results."""
         results = self.results
-        found = [*self._rankings(), *_left_out(results)]
-        found += [f"{name} is not applicable: {reason}" for name, reason in results.not_applicable.items()]
+        texts = [*self._rankings(), *_left_out(results)]
+        texts += [f"{name} is not applicable: {reason}" for name, reason in results.not_applicable.items()]
         for metric, variant, runs, message in results.metric_faults():
             more = f" and {len(runs) - 1} more" if len(runs) > 1 else ""
-            found.append(f"metric {metric} has no value in run {runs[0]}{more} of {variant}: {message}")
-        return found
+            texts.append(f"metric {metric} has no value in run {runs[0]}{more} of {variant}: {message}")
+        return texts
 
     def lines(self) -> list[str]:
         """Success and means of each variant, what is shown, and of a few pairs all differences."""
@@ -222,7 +222,7 @@ class VariantComparison:
         lines += self.sentences()
         if len(self.pairs) > _MOST_PAIRS:
             return lines
-        lines += [each.goodness() for each in self.pairs]
+        lines += [compared.goodness() for compared in self.pairs]
         return lines + [
             pair.differences[metric].sentence(pair.first, pair.second)
             for metric in self.results.compared
@@ -242,7 +242,7 @@ class VariantComparison:
 
     def _shown(self, ranking: Ranking) -> str:
         goal, compared = ("least", "less") if ranking.direction == "minimize" else ("most", "more")
-        runs = max(each.differences[ranking.metric].n for each in self.pairs if ranking.metric in each.differences)
+        runs = max(one.differences[ranking.metric].n for one in self.pairs if ranking.metric in one.differences)
         if runs < LEAST_RUNS:
             return f"nothing is shown by {runs} run{'' if runs == 1 else 's'}; {LEAST_RUNS} or more are needed."
         reference = self.results.config.reference
@@ -259,9 +259,9 @@ class VariantComparison:
         """Variants that differ from the reference."""
         better = -1 if ranking.direction == "minimize" else 1
         groups: dict[int, list[str]] = {1: [], -1: [], 0: []}
-        for each in self.pairs:
-            if ranking.metric in each.differences:
-                groups[each.differences[ranking.metric].sign * better].append(each.second)
+        for compared in self.pairs:
+            if ranking.metric in compared.differences:
+                groups[compared.differences[ranking.metric].sign * better].append(compared.second)
         words = {1: f"better than {reference}: ", -1: f"worse than {reference}: ", 0: "no difference shown: "}
         return "; ".join(words[side] + _listed(names) for side, names in groups.items() if names) + "."
 
@@ -269,12 +269,12 @@ class VariantComparison:
         """What the differences of a metric show; None if fewer than two variants have it."""
         better = -1 if direction == "minimize" else 1
         names = dict.fromkeys(
-            name for each in self.pairs if metric in each.differences for name in (each.first, each.second)
+            name for compared in self.pairs if metric in compared.differences for name in (compared.first, compared.second)
         )
         wins: dict[str, set[str]] = {name: set() for name in names}
-        for each in self.pairs:
-            if metric in each.differences and (sign := each.differences[metric].sign):
-                winner, loser = (each.second, each.first) if sign == better else (each.first, each.second)
+        for compared in self.pairs:
+            if metric in compared.differences and (sign := compared.differences[metric].sign):
+                winner, loser = (compared.second, compared.first) if sign == better else (compared.first, compared.second)
                 wins[winner].add(loser)
         beaten = set().union(*wins.values())
         best = [name for name in names if len(wins[name]) == len(names) - 1 and name not in beaten]
@@ -297,7 +297,7 @@ def compare_variants(results: VariantResults) -> VariantComparison:
         pairs = [(reference, name) for name in names if name != reference]
     else:
         pairs = list(combinations(names, 2))
-    return VariantComparison(results, tuple(each for pair in pairs if (each := _compared(results, *pair)) is not None))
+    return VariantComparison(results, tuple(one for pair in pairs if (one := _compared(results, *pair)) is not None))
 
 
 def _compared(results: VariantResults, first: str, second: str) -> VariantPair | None:
@@ -306,8 +306,8 @@ def _compared(results: VariantResults, first: str, second: str) -> VariantPair |
     The difference is computed in the order of the names: the bits of an interval do not depend on the order of the variants.
     """
     if second < first:
-        found = _compared(results, second, first)
-        return found.reversed() if found is not None else None
+        compared = _compared(results, second, first)
+        return compared.reversed() if compared is not None else None
     frames = [results.variants[name].frame for name in (first, second)]
     common = frames[0].index.intersection(frames[1].index)
     if common.empty:
@@ -353,10 +353,10 @@ def _means(results: VariantResults, name: str) -> str:
     parts, counts = [], results.counts(name)
     if results.config.conditions and counts.done:
         good = Proportion(counts.successes, counts.done)
-        parts.append(f"success {good.count} of {good.of}, {percent(good.value)} ({good.told})")
+        parts.append(f"success {good.count} of {good.of}, {percent(good.value)} ({good.interval_text})")
     for metric in results.metrics:
-        if len(found := finite(passed(results.variants[name].frame), metric)):
-            parts.append(f"{metric} {told_mean(found)}")
+        if len(values := finite(passed(results.variants[name].frame), metric)):
+            parts.append(f"{metric} {mean_text(values)}")
     return "; ".join(parts)
 
 

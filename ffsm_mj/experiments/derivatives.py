@@ -80,7 +80,7 @@ def _impact(prepared: PreparedRun, nominal: Run, assembly: Assembly) -> _Event:
         InputError: There is none, or several contacts at once.
     """
     record = _first(nominal)
-    pair = next(each for each in assembly.pairs if each.name == record.pair)
+    pair = next(candidate for candidate in assembly.pairs if candidate.name == record.pair)
     data = _state_before(assembly, record)
     law = prepared.scenario.impact.law
     hit = linearize(assembly.system.mj, data, pair, restitution=record.restitution_used, mu=record.mu, law=law)
@@ -93,15 +93,15 @@ def _grasp(prepared: PreparedRun, nominal: Run, assembly: Assembly) -> _Event:
     Raises:
         InputError: There is none, an impact comes before it, or it closes at an impact.
     """
-    found = nominal.records.get("grasp_impulses", ())
-    if not found:
+    records = nominal.records.get("grasp_impulses", ())
+    if not records:
         raise InputError("exact: no grasp closes in the run")
-    record = found[0]
+    record = records[0]
     when = prepared.scenario.grasps[record.grasp].when.within
     if when is None or any(impact.time_s <= record.time_s for impact in nominal.impacts):
         raise InputError(f"exact: an impact occurs before grasp {record.grasp!r} closes, or at it; use kind='secant'")
     data = _state_before(assembly, record)
-    grasp = next(each for each in grasps_of(prepared.scenario, assembly.system) if each.name == record.grasp)
+    grasp = next(candidate for candidate in grasps_of(prepared.scenario, assembly.system) if candidate.name == record.grasp)
     return _Event("grasp", record.time_s, linearize_grasp(assembly.system, data, grasp, when.bounds), "")
 
 
@@ -120,12 +120,12 @@ def _first(nominal: Run) -> ImpactRecord:
     Raises:
         InputError: There is none, or several contacts at once.
     """
-    found = [record for record in nominal.impacts if record.event == 0]
-    if len(found) != 1:
-        raise InputError(f"exact: the first impact of the run has {len(found)} contacts; a derivative exists for one")
+    impacts = [record for record in nominal.impacts if record.event == 0]
+    if len(impacts) != 1:
+        raise InputError(f"exact: the first impact of the run has {len(impacts)} contacts; a derivative exists for one")
     if nominal.grasps:
         raise InputError("exact: a grasp closes in the run; use kind='secant', or name grasps.0.time_s or grasps.0.loss_J")
-    return found[0]
+    return impacts[0]
 
 
 def _column(
@@ -152,7 +152,7 @@ def _column(
             f"exact: no derivative by {parameter.key}, only by initial and contacts.*.restitution; use kind='secant'"
         )
     _refuse_control(nominal, event)
-    change = _flown(prepared, assembly, event.time_s, parameter)
+    change = _end_change(prepared, assembly, event.time_s, parameter)
     return [float(getattr(event.effects, name) @ change) for name in names]
 
 
@@ -162,7 +162,7 @@ def _is_of(prepared: PreparedRun, parameter: Parameter, rule: str) -> bool:
     rules = prepared.scenario.contacts.rules or ()
     if parts[1] != "rules":
         raise InputError(f"exact: no derivative by {parameter.key}: name the restitution of a rule; use kind='secant'")
-    names = [each.name for each in prepared.assemble().contacts.rules]
+    names = [listed.name for listed in prepared.assemble().contacts.rules]
     return int(parts[2]) < len(rules) and names[int(parts[2])] == rule
 
 
@@ -180,29 +180,29 @@ def _refuse_control(nominal: Run, event: _Event) -> None:
             )
 
 
-def _flown(prepared: PreparedRun, assembly: Assembly, time_s: float, parameter: Parameter) -> FloatArray:
+def _end_change(prepared: PreparedRun, assembly: Assembly, time_s: float, parameter: Parameter) -> FloatArray:
     """Change of the state just before the event per unit of an initial coordinate or rate, (2 nv,)."""
     model, ends = assembly.system.mj, []
     for sign in (-1.0, 1.0):
         changed = prepared.changed(prepared.source.overridden([parameter.override(sign * _STEP)])).assemble()
-        ends.append(_flight(model, changed.data, time_s, prepared.scenario.time_step_s))
+        ends.append(_free_flight(model, changed.data, time_s, prepared.scenario.time_step_s))
     (low_q, low_v), (high_q, high_v) = ends
     dq = np.empty(model.nv)
     mujoco.mj_differentiatePos(model, dq, 2.0 * _STEP, low_q, high_q)
     return np.concatenate((dq, (high_v - low_v) / (2.0 * _STEP)))
 
 
-def _flight(model: Any, data: Any, time_s: float, step_s: float) -> tuple[FloatArray, FloatArray]:
+def _free_flight(model: Any, data: Any, time_s: float, step_s: float) -> tuple[FloatArray, FloatArray]:
     """State after free flight for a time, without contacts or efforts."""
     steps = round(time_s / step_s - 0.5)
-    own = mujoco.MjData(model)
-    own.qpos[:], own.qvel[:] = data.qpos, data.qvel
+    scratch = mujoco.MjData(model)
+    scratch.qpos[:], scratch.qvel[:] = data.qpos, data.qvel
     before = model.opt.timestep
     try:
         for duration in (*[step_s] * steps, time_s - steps * step_s):
             model.opt.timestep = duration
             if duration > 0.0:
-                mujoco.mj_step(model, own)
+                mujoco.mj_step(model, scratch)
     finally:
         model.opt.timestep = before
-    return np.array(own.qpos), np.array(own.qvel)
+    return np.array(scratch.qpos), np.array(scratch.qvel)

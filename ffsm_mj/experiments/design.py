@@ -203,13 +203,13 @@ class Design:
 
     def overrides(self, run: int) -> dict[str, Any]:
         """Values (numbers, texts, lists of numbers) by dotted key of the scenario for a run, counted from 0."""
-        found = {}
+        values = {}
         for binding in self.bindings:
             value = binding.base
             for effect in binding.effects:
                 value = effect.applied(value, self.rows[run])
-            found[binding.key] = value
-        return found
+            values[binding.key] = value
+        return values
 
     def to_json(self) -> str:
         """JSON text for :meth:`from_json`; numbers are preserved bit for bit."""
@@ -319,10 +319,10 @@ def columns(dispersions: Mapping[str, Dispersion]) -> tuple[SampledScalar, ...]:
     Raises:
         ScenarioFaults: Two scalars have the same name, or the same stream of random numbers.
     """
-    found: dict[int, SampledScalar] = {}
+    scalars: dict[int, SampledScalar] = {}
     for name, dispersion in dispersions.items():
         for scalar in sampled_scalars(name, dispersion):
-            other = found.setdefault(crc32(scalar.name.encode()), scalar)
+            other = scalars.setdefault(crc32(scalar.name.encode()), scalar)
             if other is not scalar:
                 same = "have one column" if other.name == scalar.name else "would have equal random numbers"
                 raise ScenarioFaults(
@@ -333,4 +333,4 @@ def columns(dispersions: Mapping[str, Dispersion]) -> tuple[SampledScalar, ...]:
                         )
                     ]
                 )
-    return tuple(found.values())
+    return tuple(scalars.values())

@@ -114,12 +114,12 @@ class Distribution(StrictModel):
     @model_validator(mode="after")
     def _validate_one(self) -> Distribution:
         names = [name for name in type(self).model_fields if name not in self.beside]
-        given = [name for name in names if getattr(self, name) is not None]
-        if len(given) != 1:
-            raise ValueError(f"needs one of {', '.join(names)}; got {' and '.join(given) or 'none'}")
+        stated = [name for name in names if getattr(self, name) is not None]
+        if len(stated) != 1:
+            raise ValueError(f"needs one of {', '.join(names)}; got {' and '.join(stated) or 'none'}")
         if self.uniform is not None and not self.uniform[0] < self.uniform[1]:
             raise ValueError(f"uniform needs a lower and a higher number, got {self.uniform[0]:g} and {self.uniform[1]:g}")
-        if len({"number" if type(each) in (int, float) else type(each) for each in self.choice or ()}) > 1:
+        if len({"number" if type(option) in (int, float) else type(option) for option in self.choice or ()}) > 1:
             raise ValueError(
                 "the values of a choice must have one type (numbers, texts, flags or lists): they form a column of the table"
             )
@@ -131,14 +131,14 @@ class Distribution(StrictModel):
         if self.choice is not None:
             return self.choice
         if self.values is not None:
-            whole = all(isinstance(each, int) for each in self.values)
+            whole = all(isinstance(level, int) for level in self.values)
             return tuple(sorted(self.values if whole else map(float, self.values)))  # a column has one type
         return self.grid.numbers if self.grid is not None else None
 
     @property
     def is_numeric(self) -> bool:
         """Whether all samples are numbers."""
-        return self.choice is None or not any(isinstance(each, bool | str | tuple) for each in self.choice)
+        return self.choice is None or not any(isinstance(option, bool | str | tuple) for option in self.choice)
 
     @property
     def is_of_lists(self) -> bool:
@@ -148,7 +148,7 @@ class Distribution(StrictModel):
     @property
     def is_integer(self) -> bool:
         """Whether all samples are integers."""
-        return self.levels is not None and all(type(each) is int for each in self.levels)
+        return self.levels is not None and all(type(level) is int for level in self.levels)
 
     @property
     def mean_missing(self) -> bool:

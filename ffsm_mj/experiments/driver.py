@@ -122,7 +122,7 @@ class Driver:
         self._stopped = False
         self._interrupted: Callable[[], bool] = bool
         self._runs, self._suspects = deque[PlannedRun](), deque[PlannedRun]()
-        self._total, self._made, self._spent_s = 0, 0, 0.0
+        self._total, self._finished, self._spent_s = 0, 0, 0.0
         self._pending: dict[Future[list[RunRow]], tuple[list[PlannedRun], float | None]] = {}
         """Runs that are handed out; with the time at which it began, s, for a suspect, which is handed out alone."""
 
@@ -140,13 +140,13 @@ class Driver:
         # and nobody could end the workers.
         with noted() as self._interrupted:
             while (self._runs or self._suspects) and not self._stopped:
-                made = self._made
+                finished = self._finished
                 try:
                     with self._opened(lost) as executor:
                         self._probe(executor)
                         self._execute(executor)
                 except _LostError as error:
-                    lost = lost + 1 if self._made == made else 1
+                    lost = lost + 1 if self._finished == finished else 1
                     if not self._engine.reopens or lost > _LOST_ENGINES:
                         raise EngineLostError(
                             f"{self._engine.name}: {error}; the rows so far are kept, resume continues the campaign"
@@ -217,8 +217,8 @@ class Driver:
         """Number of runs of a batch."""
         if not self._engine.batches:
             return 1
-        each_s = self._spent_s / self._made if self._made else _BATCH_S
-        return max(1, int(min(_BATCH_S / max(each_s, 1e-3), _BATCH_RUNS, self._total / (20.0 * self._engine.workers))))
+        per_run_s = self._spent_s / self._finished if self._finished else _BATCH_S
+        return max(1, int(min(_BATCH_S / max(per_run_s, 1e-3), _BATCH_RUNS, self._total / (20.0 * self._engine.workers))))
 
     def _wait(self, futures: Iterable[Future[Any]]) -> set[Future[Any]]:
         """Wait until some of these are done; returns them.
@@ -242,19 +242,19 @@ class Driver:
         rows, interrupted = [], False
         try:
             # Rows first: if the executor is lost, they are kept.
-            for future in sorted(done, key=lambda each: each.cancelled() or each.exception() is not None):
-                made = self._result(executor, future)
+            for future in sorted(done, key=lambda ended: ended.cancelled() or ended.exception() is not None):
+                received = self._result(executor, future)
                 runs, _ = self._pending.pop(future)
-                kept = {row.index for row in made}
+                kept = {row.index for row in received}
                 left = [run for run in runs if run[0] not in kept]
                 if future.exception() is not None:
                     self._suspects.extend(left)
                 else:
                     self._runs.extendleft(reversed(left))
                     interrupted = interrupted or (self._engine.in_this_thread and bool(left))
-                rows += made
+                rows += received
         finally:
-            self._made += len(rows)
+            self._finished += len(rows)
             self._spent_s += sum(row.wall_s for row in rows)
             self._store(rows)
         if interrupted:

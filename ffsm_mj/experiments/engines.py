@@ -39,7 +39,7 @@ class Engine:
         name: Name for messages.
         workers: Number of runs at the same time.
         open: Opens an executor as a context.
-        own_processes: Whether its processes execute nothing else, so that a process with a stuck run may be ended.
+        exclusive_processes: Whether its processes execute nothing else, so that a process with a stuck run may be ended.
         reopens: Whether it can open another executor after one is lost.
         in_this_thread: Whether runs are executed by the calling thread, so that the interrupt of a run ends the campaign.
         batches: Whether several runs make one task, because a task costs its scheduler some milliseconds.
@@ -48,7 +48,7 @@ class Engine:
     name: str
     workers: int
     open: Callable[[], Any]
-    own_processes: bool = True
+    exclusive_processes: bool = True
     reopens: bool = True
     in_this_thread: bool = False
     batches: bool = False
@@ -99,7 +99,7 @@ class Loop(Executor):
 
 def loop() -> Engine:
     """Engine that executes runs one after the other in this process."""
-    return Engine("this process", 1, Loop, own_processes=False, in_this_thread=True)
+    return Engine("this process", 1, Loop, exclusive_processes=False, in_this_thread=True)
 
 
 def pool(workers: int | None = None) -> Engine:
@@ -135,7 +135,7 @@ def caller_engine(executor: Executor, workers: int | None = None) -> Engine:
     if isinstance(executor, Loop):
         return loop()
     count = workers or getattr(executor, "_max_workers", None) or usable_processors()
-    return Engine(type(executor).__name__, int(count), same, own_processes=False, reopens=False)
+    return Engine(type(executor).__name__, int(count), same, exclusive_processes=False, reopens=False)
 
 
 def dask(address: str) -> Engine:

@@ -104,9 +104,9 @@ def _axis(rows: DataFrame, name: str) -> tuple[Any, list[str]]:
     values = numbers(rows, name)
     if np.isfinite(values).all():
         return values, []
-    each = [str(value) for value in rows[name]]
-    texts = sorted(set(each))
-    return np.array([float(texts.index(text)) for text in each]), texts
+    labels = [str(value) for value in rows[name]]
+    texts = sorted(set(labels))
+    return np.array([float(texts.index(text)) for text in labels]), texts
 
 
 def _in_two_lines(name: str) -> str:
@@ -121,14 +121,14 @@ def _convergence(results: Results, shown_metrics: Sequence[str]) -> Figure:
     with publication():
         figure, panels = _grid(len(shown_metrics), 1.5)
         for axes, what in zip(panels, shown_metrics, strict=True):
-            found = intervals(results, what)
-            runs = [each.runs for each in found]
-            low = [np.nan if each.low is None else each.low for each in found]
-            high = [np.nan if each.high is None else each.high for each in found]
+            points = intervals(results, what)
+            runs = [point.runs for point in points]
+            low = [np.nan if point.low is None else point.low for point in points]
+            high = [np.nan if point.high is None else point.high for point in points]
             axes.fill_between(runs, low, high, color=BLUE, alpha=0.2, linewidth=0.0)
-            axes.plot(runs, [each.value for each in found], "o-", color=BLUE, markersize=3.0)
+            axes.plot(runs, [point.value for point in points], "o-", color=BLUE, markersize=3.0)
             axes.set_xscale("log", base=2)
-            axes.set_xticks(runs[:: -(-len(runs) // 5)], labels=[f"{each}" for each in runs[:: -(-len(runs) // 5)]])
+            axes.set_xticks(runs[:: -(-len(runs) // 5)], labels=[f"{tick}" for tick in runs[:: -(-len(runs) // 5)]])
             axes.set_xlabel("runs", fontsize=7.0)
             axes.set_ylabel("fraction" if what == SUCCESS else "median", fontsize=7.0)
             axes.set_title("successes" if what == SUCCESS else _in_two_lines(what), fontsize=7.0)
@@ -296,14 +296,16 @@ def _differences(comparison: VariantComparison) -> Figure | None:
 
 
 def _varies(comparison: VariantComparison, metric: str) -> bool:
-    found = [pair.differences[metric] for pair in comparison.pairs if metric in pair.differences]
-    return any(each.lower or each.higher for each in found)
+    differences = [pair.differences[metric] for pair in comparison.pairs if metric in pair.differences]
+    return any(difference.lower or difference.higher for difference in differences)
 
 
 def _interval(panel: Axes, place: int, pair: VariantPair, metric: str) -> None:
-    if (found := pair.differences.get(metric)) is None:
+    if (difference := pair.differences.get(metric)) is None:
         return
-    colour = VERMILION if found.sign else BLUE
-    if found.n > 1:
-        panel.plot([found.low, found.high], [place, place], color=colour, linewidth=2.0)
-    panel.plot([found.mean], [place], "o", color=colour, markersize=4.5, markerfacecolor=colour if found.sign else "white")
+    colour = VERMILION if difference.sign else BLUE
+    if difference.n > 1:
+        panel.plot([difference.low, difference.high], [place, place], color=colour, linewidth=2.0)
+    panel.plot(
+        [difference.mean], [place], "o", color=colour, markersize=4.5, markerfacecolor=colour if difference.sign else "white"
+    )

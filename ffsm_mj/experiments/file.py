@@ -124,8 +124,8 @@ class VariantConfig(StrictModel):
 
     def overrides_after(self, shared: dict[str, Any]) -> dict[str, Any]:
         """Overrides of the campaign, then those of the variant, in the order in which they are applied."""
-        own = {f"phases.{phase}.controller": law for phase, law in self.controllers.items()} | self.overrides
-        return {key: value for key, value in shared.items() if key not in own} | own
+        changes = {f"phases.{phase}.controller": law for phase, law in self.controllers.items()} | self.overrides
+        return {key: value for key, value in shared.items() if key not in changes} | changes
 
 
 class ParetoConfig(StrictModel):
@@ -222,7 +222,7 @@ class CampaignFile(StrictModel):
         if self.pareto is not None:
             yield self.pareto.error, ("pareto", "error")
             yield self.pareto.effort, ("pareto", "effort")
-        yield from ((each.metric, ("success",)) for each in self.conditions)
+        yield from ((condition.metric, ("success",)) for condition in self.conditions)
         yield from ((name, ("keep", "worst", name)) for name in self.keep.worst)
         if self.stop is not None and self.stop.metric != "success":
             yield self.stop.metric, ("stop", "metric")
@@ -255,15 +255,15 @@ def campaign_names() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in campaigns_dir().glob("*.yaml")))
 
 
-def campaign_path(given: str | Path) -> Path:
+def campaign_path(path: str | Path) -> Path:
     """Path of a campaign file from a path or the name of a shipped campaign.
 
     Raises:
         InputError: The text is neither a file nor the name of a shipped one.
     """
-    text = str(given)
+    text = str(path)
     if os.path.exists(text) and text not in campaign_names():
-        return Path(given)
+        return Path(path)
     if text.endswith((".yaml", ".yml")) or "/" in text:
         raise InputError(f"{text}: no such campaign file{similar_file(Path(text))}")
     if text not in campaign_names():
@@ -276,10 +276,10 @@ def described_campaigns() -> dict[str, str]:
     return {name: str(read_node(campaign_path(name)).plain().get("description", "")) for name in campaign_names()}
 
 
-def is_campaign(given: str | Path) -> bool:
+def is_campaign(source: str | Path) -> bool:
     """Whether a path or name is that of a campaign, not of a scenario."""
     try:
-        return os.path.isfile(path := campaign_path(given)) and not {"campaign", OLD_KEY}.isdisjoint(read_node(path).value)
+        return os.path.isfile(path := campaign_path(source)) and not {"campaign", OLD_KEY}.isdisjoint(read_node(path).value)
     except InputError:
         return False  # it is then read as a scenario, which reports the fault
 

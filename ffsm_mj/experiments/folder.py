@@ -198,7 +198,7 @@ class CampaignFolder:
         Raises:
             InputError: It holds another file.
         """
-        names = sorted(each.name for each in self.path.iterdir())
+        names = sorted(entry.name for entry in self.path.iterdir())
         others = [name for name in names if name not in ours and not name.startswith(_UNFINISHED)]
         if others:
             raise InputError(f"{self.path}: holds {others[0]} but no campaign; choose another {option('out')}")
@@ -275,20 +275,20 @@ _MOST_DIFFERENCES = 3
 
 def row_versions() -> dict[str, str]:
     """Versions of all packages that affect rows: the libraries and plug-in packages."""
-    found = dict(versions())
+    all_versions = dict(versions())
     for group in (LAWS, ESTIMATORS, PLUGIN_METRICS, IMPACT_LAWS, CONTACT_MODELS):
         for point in entry_points(group=group):
             if point.dist is not None:
-                found[point.dist.name] = point.dist.version
-    return found
+                all_versions[point.dist.name] = point.dist.version
+    return all_versions
 
 
-def campaign_settings(plan: Plan, own: ScriptClasses) -> str:
+def campaign_settings(plan: Plan, classes: ScriptClasses) -> str:
     """Settings of a campaign as JSON text with sorted keys.
 
     Args:
         plan: Campaign file and base scenario.
-        own: Control laws, estimators and metrics of a script.
+        classes: Control laws, estimators and metrics of a script.
     """
     config = plan.config
     sampling = {
@@ -302,13 +302,13 @@ def campaign_settings(plan: Plan, own: ScriptClasses) -> str:
         "models": {name: hashlib.sha256(data).hexdigest() for name, data in sorted(plan.base.logged_files.items())},
         "sampling": sampling | counted,
         "metrics": list(config.kept_metrics),
-        "controllers": {kind: source_of(law) for kind, law in own.controllers.items()},
+        "controllers": {kind: source_of(law) for kind, law in classes.controllers.items()},
         "versions": row_versions(),
     }
-    if own.estimators:  # campaigns without have the same settings as before there were any
-        content["estimators"] = {kind: source_of(each) for kind, each in own.estimators.items()}
-    if own.metrics:  # likewise; lines, so that differences name the first that changed
-        content["metric functions"] = {name: source_of(each).splitlines() for name, each in own.metrics.items()}
+    if classes.estimators:  # campaigns without have the same settings as before there were any
+        content["estimators"] = {kind: source_of(estimator) for kind, estimator in classes.estimators.items()}
+    if classes.metrics:  # likewise; lines, so that differences name the first that changed
+        content["metric functions"] = {name: source_of(metric).splitlines() for name, metric in classes.metrics.items()}
     return json.dumps(content, sort_keys=True, indent=1)
 
 
@@ -333,13 +333,13 @@ def differences(stored: str, now: str) -> str:
         a, b = (_leaves(_with_parsed_scenario(json.loads(text))) for text in (stored, now))
     except (ValueError, TypeError, KeyError, RecursionError, YamlFault):
         return "the stored settings cannot be read"
-    found = [
+    changes = [
         f"{key} {_short(a.get(key))} there, {_short(b.get(key))} here"
         for key in sorted({*a, *b})
         if a.get(key) != b.get(key)
     ]
-    more = f"; and {len(found) - _MOST_DIFFERENCES} more" if len(found) > _MOST_DIFFERENCES else ""
-    return "; ".join(found[:_MOST_DIFFERENCES]) + more
+    more = f"; and {len(changes) - _MOST_DIFFERENCES} more" if len(changes) > _MOST_DIFFERENCES else ""
+    return "; ".join(changes[:_MOST_DIFFERENCES]) + more
 
 
 def _with_parsed_scenario(settings: dict[str, Any]) -> dict[str, Any]:

@@ -74,15 +74,15 @@ def read_metrics(path: Path) -> dict[str, FileMetric]:
         raise InputError(f"{path}:{error.lineno or 1}:{error.offset or 1}: is not Python ({error.msg})") from error
     except ValueError as error:  # bytes that are no text, or null characters
         raise InputError(f"{path}: is not Python ({error})") from error
-    functions = {each.name: each for each in tree.body if isinstance(each, ast.FunctionDef) and each.name[0] != "_"}
+    functions = {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name[0] != "_"}
     if not functions:
         raise InputError(f"{path}: defines no metric: a function of a run without a leading underscore in its name")
-    for name, each in functions.items():
-        given = each.args
-        needed = len(given.posonlyargs) + len(given.args) - len(given.defaults)
-        if needed != 1 or any(default is None for default in given.kw_defaults):
+    for name, node in functions.items():
+        arguments = node.args
+        needed = len(arguments.posonlyargs) + len(arguments.args) - len(arguments.defaults)
+        if needed != 1 or any(default is None for default in arguments.kw_defaults):
             raise InputError(
-                f"{path}:{each.lineno}:{each.col_offset + 1}: {name} is no metric: a metric has one argument, the "
+                f"{path}:{node.lineno}:{node.col_offset + 1}: {name} is no metric: a metric has one argument, the "
                 "run; other functions need a name with a leading underscore"
             )
     return {name: FileMetric(name, path.name, text) for name in functions}
@@ -153,7 +153,7 @@ class ScriptClasses:
 NO_CLASSES = ScriptClasses()
 
 
-def own_classes(scenario: object, controllers: Mapping[str, Any], estimators: Mapping[str, Any]) -> ScriptClasses:
+def script_classes(scenario: object, controllers: Mapping[str, Any], estimators: Mapping[str, Any]) -> ScriptClasses:
     """Control laws and estimators of a caller, with those of a scenario that he built, or states by its keys."""
     of_scenario = vars(scenario) if isinstance(scenario, Scenario) else scenario if isinstance(scenario, Mapping) else {}
     return ScriptClasses(
@@ -202,23 +202,23 @@ def check_metrics(checks: Sequence[Check], *, truncated: str = COUNT) -> dict[st
         checks: Results of the checks, failing ones with their share of truncation.
         truncated: ``count``: a run whose checks fail by the truncation of the step alone passes; ``fail``: it does not.
     """
-    found: dict[str, Scalar] = dict.fromkeys(_ALWAYS)
+    values: dict[str, Scalar] = dict.fromkeys(_ALWAYS)
     failing = [check for check in checks if not check.passes]
-    found["checks_pass"] = not failing
-    found["fails_by_truncation"] = alone = all_by_truncation(checks)
-    found["passes"] = not failing or (alone is True and truncated == COUNT)
+    values["checks_pass"] = not failing
+    values["fails_by_truncation"] = alone = all_by_truncation(checks)
+    values["passes"] = not failing or (alone is True and truncated == COUNT)
     for check in checks:
         key = f"checks.{check.name.replace(' ', '_')}"
-        worst = found[key]
-        found[key] = check.residual if not isinstance(worst, float) else max(worst, check.residual)
+        worst = values[key]
+        values[key] = check.residual if not isinstance(worst, float) else max(worst, check.residual)
         if check.name == "no penetration":
-            found["deepest_overlap_m"] = check.residual
+            values["deepest_overlap_m"] = check.residual
     for name, key in _EXCESS.items():
         if beyond := [_excess(check) for check in checks if check.name == name and not check.passes]:
-            found[key] = max(beyond)
+            values[key] = max(beyond)
     drifts = [check.drift / check.tolerance * 1e-9 for check in checks if check.name in _DRIFTING]
-    found["drift"] = max(drifts) if drifts else None
-    return found
+    values["drift"] = max(drifts) if drifts else None
+    return values
 
 
 def _excess(check: Check) -> float:
@@ -230,7 +230,7 @@ def metric_values(
     run: Run,
     names: Sequence[str],
     checks: Mapping[str, Scalar] | None = None,
-    own: Mapping[str, Callable[[Run], Any]] = MappingProxyType({}),
+    script: Mapping[str, Callable[[Run], Any]] = MappingProxyType({}),
 ) -> dict[str, Scalar]:
     """Values of metrics of a run.
 
@@ -238,7 +238,7 @@ def metric_values(
         run: The run.
         names: Names of the metrics, in the order of the result.
         checks: Result of :func:`check_metrics`; None: computed from the checks of the run, with ``count``.
-        own: Metrics of the caller; one that raises, or gives no valid number, has no value and an entry
+        script: Metrics of the caller; one that raises, or gives no valid number, has no value and an entry
             :data:`FAULT` that says why.
 
     Raises:
@@ -247,22 +247,22 @@ def metric_values(
     summary = run.summary() | run.models.effort
     of_checks = {name: _scalar(name, value) for name, value in (checks or check_metrics(all_checks(run))).items()}
     plugins = plugin_metrics()
-    found: dict[str, Scalar] = {}
+    values: dict[str, Scalar] = {}
     for name in names:
         if name in of_checks:
-            found[name] = of_checks[name]
-        elif name in own:
-            found |= _own_value(name, own[name], run)
+            values[name] = of_checks[name]
+        elif name in script:
+            values |= _script_value(name, script[name], run)
         elif name in plugins:
-            found[name] = _scalar(name, plugins[name](run))
+            values[name] = _scalar(name, plugins[name](run))
         elif name.startswith("effort.") and "*" in name:
-            found[name] = _scalar(name, _effort_of_several(summary["effort"] or {}, name))
+            values[name] = _scalar(name, _effort_of_several(summary["effort"] or {}, name))
         else:
-            found[name] = _scalar(name, value_at(summary, name))
-    return of_checks | {"impacts.count": len(summary["impacts"])} | found
+            values[name] = _scalar(name, value_at(summary, name))
+    return of_checks | {"impacts.count": len(summary["impacts"])} | values
 
 
-def _own_value(name: str, function: Callable[[Run], Any], run: Run) -> dict[str, Scalar]:
+def _script_value(name: str, function: Callable[[Run], Any], run: Run) -> dict[str, Scalar]:
     """Value of a metric of the caller; None with a description of its fault if it has none."""
     try:
         value = function(run)
@@ -277,7 +277,7 @@ def _own_value(name: str, function: Callable[[Run], Any], run: Run) -> dict[str,
 def _effort_of_several(effort: Mapping[str, Mapping[str, float | None]], name: str) -> float | None:
     """Sum of the integrals or works of the actuators that match a pattern, or their largest peak or share at a bound."""
     actuators, _, measure = name.removeprefix("effort.").rpartition(".")
-    values = [effort[each][measure] for each in fnmatch.filter(effort, actuators)]
+    values = [effort[actuator][measure] for actuator in fnmatch.filter(effort, actuators)]
     known = [value for value in values if value is not None]
     if not known or len(known) < len(values):
         return None
@@ -318,12 +318,12 @@ def _scalar(name: str, value: Any) -> Scalar:
 
 
 def columns_of(
-    names: Sequence[str], own: Mapping[str, Callable[[Run], Any]] = MappingProxyType({})
+    names: Sequence[str], script: Mapping[str, Callable[[Run], Any]] = MappingProxyType({})
 ) -> tuple[str, ...] | None:
     """Columns that metrics need; None: all, because one of them does not declare its columns."""
     needed: list[str] = []
     for name in names:
-        function = own.get(name) or plugin_metrics().get(name)
+        function = script.get(name) or plugin_metrics().get(name)
         if function is not None:
             columns = getattr(function, "columns", None)
             if columns is None:
@@ -350,15 +350,15 @@ def _loaded(point: Any) -> Callable[[Run], Any]:
         return broken
 
 
-def fault_of(name: str, actuators: Sequence[str], own: Iterable[str] = ()) -> str | None:
+def fault_of(name: str, actuators: Sequence[str], script: Iterable[str] = ()) -> str | None:
     """Why a name is not a metric; None if it may be one.
 
     Args:
         name: Name to check.
         actuators: Names of the scenario's actuators in the columns of a log.
-        own: Names of the caller's own metrics.
+        script: Names of the caller's own metrics.
     """
-    if name in own:
+    if name in script:
         return None
     head, _, rest = name.partition(".")
     lists = record_lists()
@@ -368,16 +368,14 @@ def fault_of(name: str, actuators: Sequence[str], own: Iterable[str] = ()) -> st
         actuator, _, measure = rest.rpartition(".")
         if fnmatch.filter(actuators, actuator) and measure in MEASURES:
             return None
-        return unknown_name(
-            "metric", name, [f"effort.{each}.{measure}" for each in (*actuators, "*") for measure in MEASURES]
-        )
+        return unknown_name("metric", name, [f"effort.{key}.{measure}" for key in (*actuators, "*") for measure in MEASURES])
     if re.fullmatch(r"controller\.phases\.\d+\.reports\.(?:[\w-]+: )?\w+", name):
         return None
-    known = [*_ALWAYS, *_EXCESS.values(), *_SCALARS, *plugin_metrics(), *own]
+    known = [*_ALWAYS, *_EXCESS.values(), *_SCALARS, *plugin_metrics(), *script]
     known += [f"tip.{key}" for key in _TIP] + [f"conservation.{key}" for key in _CONSERVATION]
     known += ["base_rotation.final_rad", "base_rotation.largest_rad"]
     known += ["angular_momentum.stack_without_wheels_N_m_s", "angular_momentum.residual_N_m_s"]
-    known += [f"{each}.{what}" for each in lists for what in ("count", "0.KEY")] + [
+    known += [f"{listed}.{what}" for listed in lists for what in ("count", "0.KEY")] + [
         "effort.ACTUATOR.MEASURE",
         "controller.phases.0.reports.NAME",
     ]
@@ -395,7 +393,7 @@ def fault_in_list(head: str, rest: str, record: Any) -> str | None:
     if rest == "count":
         return None
     number, _, key = rest.partition(".")
-    names = [*(each.name for each in fields(record)), *_ENDS.get(head, ())]
+    names = [*(part.name for part in fields(record)), *_ENDS.get(head, ())]
     field, _, item = key.partition(".")
     if not number.isdecimal():
         return f"{head} is a list: {head}.count, or {head}.0.KEY with a number and one of {', '.join(names)}"

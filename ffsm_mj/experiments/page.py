@@ -22,10 +22,10 @@ from ffsm_mj.experiments.statistics import (
     groups,
     intervals,
     is_constant,
+    mean_text,
     quantile,
     rank_correlation,
     sobol_indices,
-    told_mean,
     values_for_upper_end,
 )
 from ffsm_mj.report.markdown import code, escaped, markdown_table, number, percent
@@ -43,7 +43,7 @@ def summary_lines(results: Results, conditions: tuple[Condition, ...]) -> list[s
     """
     if not results.rows:
         return []
-    return [_success(results, conditions), _accuracy(results), *_told_metrics(results), _dependence(results)]
+    return [_success(results, conditions), _accuracy(results), *_metric_sentences(results), _dependence(results)]
 
 
 def _success(results: Results, conditions: tuple[Condition, ...]) -> str:
@@ -51,9 +51,9 @@ def _success(results: Results, conditions: tuple[Condition, ...]) -> str:
     what = (
         f"success ({' and '.join(f'{c.metric} {c.comparison} {c.bound:g}' for c in conditions)})" if conditions else "passed"
     )
-    level = f"{100 * CONFIDENCE:g} % interval {good.told}"
-    found = [group for group in groups(results) if group.how != NO_SUCCESS]
-    why = f"; most frequent failure: {found[0].how}" if found else ""
+    level = f"{100 * CONFIDENCE:g} % interval {good.interval_text}"
+    failures = [group for group in groups(results) if group.how != NO_SUCCESS]
+    why = f"; most frequent failure: {failures[0].how}" if failures else ""
     return f"{what}: {good.count} of {good.of}, {percent(good.value)}, {level}{why}"
 
 
@@ -67,7 +67,7 @@ def _accuracy(results: Results) -> str:
     return "; ".join(parts)
 
 
-def _told_metrics(results: Results) -> Iterator[str]:
+def _metric_sentences(results: Results) -> Iterator[str]:
     """Mean and quantiles of each metric with numbers."""
     for metric in results.metrics:
         values = finite(results.valid, metric)
@@ -77,7 +77,7 @@ def _told_metrics(results: Results) -> Iterator[str]:
             continue
         middle, low, high = (quantile(values, share).value for share in (0.5, 0.05, 0.95))
         quantiles = f"median {number(middle)}, 5 % {number(low)}, 95 % {number(high)}"
-        yield f"{metric}: mean {told_mean(values)}, {quantiles}, of {len(values)} runs"
+        yield f"{metric}: mean {mean_text(values)}, {quantiles}, of {len(values)} runs"
 
 
 def _dependence(results: Results) -> str:
@@ -86,8 +86,8 @@ def _dependence(results: Results) -> str:
     metric = next(varied, None)
     if metric is None:
         return "no metric varies"
-    found = [(name, rank_correlation(results, name, metric)) for name in results.parameters]
-    known = sorted(((rho, name) for name, rho in found if rho is not None), key=lambda each: -abs(each[0]))
+    ranks = [(name, rank_correlation(results, name, metric)) for name in results.parameters]
+    known = sorted(((rho, name) for name, rho in ranks if rho is not None), key=lambda entry: -abs(entry[0]))
     shown = ", ".join(f"{name} {rho:.2f}" for rho, name in known[:_MOST_CORRELATIONS])
     return f"rank correlation of {metric} with {shown}" if shown else f"{metric}: too few runs for rank correlations"
 
@@ -120,13 +120,13 @@ def report_page(results: VariantResults, comparison: VariantComparison | None, f
     config, first = results.config, next(iter(results.variants.values()))
     if comparison is None and not first.rows:
         return f"# {escaped(config.campaign)}\n\n0 of {first.runs} runs have a result.\n"
-    told = summary_lines(first, config.conditions) if comparison is None else comparison.sentences()
+    sentences = summary_lines(first, config.conditions) if comparison is None else comparison.sentences()
     parts = [
         f"# {escaped(config.campaign)}",
         *([html.escape(config.description, quote=False)] if config.description else []),
         _head(results),
         "## Result",
-        _list(told) or "Nothing is compared yet.",
+        _list(sentences) or "Nothing is compared yet.",
         *(f"![{what}]({file})" for what, file in figures),
         *([] if comparison is None else ["## Variants", _variants(results)]),
         "## Outcomes",
@@ -135,11 +135,11 @@ def report_page(results: VariantResults, comparison: VariantComparison | None, f
         _metrics(results),
         *([] if comparison is None else ["## Paired differences", *_differences(comparison)]),
         "## Convergence",
-        *_of_each(results, _convergence),
+        *_by_variant(results, _convergence),
         "## Sensitivity",
-        *_of_each(results, _sensitivity),
+        *_by_variant(results, _sensitivity),
         "## Failures",
-        *_of_each(results, _failures),
+        *_by_variant(results, _failures),
         "## Samples",
         _samples(first),
     ]
@@ -151,20 +151,22 @@ def _list(lines: Sequence[str]) -> str:
     return "\n".join("- " + escaped(line).replace("*", "\\*") for line in lines)
 
 
-def _of_each(results: VariantResults, section: Callable[[Results], Iterator[str]]) -> Iterator[str]:
+def _by_variant(results: VariantResults, section: Callable[[Results], Iterator[str]]) -> Iterator[str]:
     """A section for every variant with rows."""
-    for name, each in results.variants.items():
-        if each.rows:
+    for name, part in results.variants.items():
+        if part.rows:
             yield from [f"### {escaped(name)}"] if name else []
-            yield from section(each)
+            yield from section(part)
 
 
 def _head(results: VariantResults) -> str:
     first, several = next(iter(results.variants.values())), results.config.variants
-    made, total = (sum(of(each) for each in results.variants.values()) for of in (lambda r: len(r.rows), lambda r: r.runs))
+    finished, total = (
+        sum(of(part) for part in results.variants.values()) for of in (lambda r: len(r.rows), lambda r: r.runs)
+    )
     runs = f"{len(results.variants)} variants of {first.runs} runs" if several else f"{total} runs"
-    if made < total:
-        runs = f"{runs}, {made} of {total} made" if several else f"{made} of {total} runs"
+    if finished < total:
+        runs = f"{runs}, {finished} of {total} made" if several else f"{finished} of {total} runs"
     same = ", the same for all variants" if several else ""
     sentences = [f"{runs}, samples of kind `{first.kind}`, {len(first.parameters)} parameters{same}."]
     if results.config.success is not None:
@@ -185,11 +187,11 @@ def _variants(results: VariantResults) -> str:
     rows = []
     for name, variant in results.config.variants.items():
         changes = variant.overrides_after({}) | ({"scenario": variant.scenario} if variant.scenario is not None else {})
-        told = (
+        sentences = (
             ", ".join(f"{escaped(key)} = {code(flow(value))}" for key, value in changes.items()) or "the scenario as it is"
         )
         reason = results.not_applicable.get(name)
-        rows.append([escaped(name), escaped(variant.description), told, f"no: {escaped(reason)}" if reason else "yes"])
+        rows.append([escaped(name), escaped(variant.description), sentences, f"no: {escaped(reason)}" if reason else "yes"])
     described = any(row[1] for row in rows)
     head = ("variant", "description", "changes", "applicable")
     keep = [i for i in range(len(head)) if i != 1 or described]
@@ -204,7 +206,7 @@ def _outcomes(results: VariantResults) -> Iterator[str]:
     head = ("", *(["variant"] if several else []), "runs", "fraction", "interval")
     yield markdown_table(head, [row if several else [row[0], *row[2:]] for row in rows], texts=("variant",))
     for column, what in _ACCURACY.items():
-        values = np.concatenate([numbers(each.frame, column) for each in results.variants.values()])  # failed ones included
+        values = np.concatenate([numbers(part.frame, column) for part in results.variants.values()])  # failed ones included
         if np.isfinite(values).any():
             lack = int((~np.isfinite(values)).sum())
             but = f"; {lack} of {len(values)} runs have no value" if lack else ""
@@ -213,19 +215,19 @@ def _outcomes(results: VariantResults) -> Iterator[str]:
 
 def _shares(results: VariantResults, name: str) -> Iterator[list[str]]:
     """Rows of outcomes of a variant: what, the variant, and the fraction with its interval."""
-    each, counts = results.variants[name], results.counts(name)
-    sample = each.sample
-    found = [(f"outcome {code(str(outcome))}", int(count)) for outcome, count in sample["outcome"].value_counts().items()]
-    found.append(("failed (not completed, or a check fails)", int(sample["failed"].sum())))
+    frame, counts = results.variants[name], results.counts(name)
+    sample = frame.sample
+    lines = [(f"outcome {code(str(outcome))}", int(count)) for outcome, count in sample["outcome"].value_counts().items()]
+    lines.append(("failed (not completed, or a check fails)", int(sample["failed"].sum())))
     if short := sum(numbers(sample, "fails_by_truncation") == 1.0):
-        found.append(("a check fails by the truncation of the step alone (remedy: accuracy in the scenario)", int(short)))
+        lines.append(("a check fails by the truncation of the step alone (remedy: accuracy in the scenario)", int(short)))
     if name and results.config.conditions:
-        found.append(("condition met", counts.met))
-    if each.has_success:
-        found.append((SUCCESS, int(sample[GOOD].sum())))
-    for what, count in found if len(sample) else []:
+        lines.append(("condition met", counts.met))
+    if frame.has_success:
+        lines.append((SUCCESS, int(sample[GOOD].sum())))
+    for what, count in lines if len(sample) else []:
         share = Proportion(count, len(sample))
-        yield [what, escaped(name), f"{count} of {len(sample)}", percent(share.value), share.told]
+        yield [what, escaped(name), f"{count} of {len(sample)}", percent(share.value), share.interval_text]
 
 
 def _metrics(results: VariantResults) -> str:
@@ -233,44 +235,44 @@ def _metrics(results: VariantResults) -> str:
     head = ("metric", *(["variant"] if several else []), "runs", "minimum", "5 %", "median", "95 %", "maximum", "mean")
     rows = []
     for metric in results.metrics:
-        for name, each in results.variants.items():
-            values = finite(each.valid, metric)
+        for name, part in results.variants.items():
+            values = finite(part.valid, metric)
             if not len(values):
                 cells = ["no run has a number", *[""] * 5]
             elif is_constant(values):
                 cells = [number(float(values[0])), "constant", *[""] * 4]
             else:
                 shown = (_quantile(values, share) for share in _SHARES)
-                cells = [number(float(values.min())), *shown, number(float(values.max())), told_mean(values)]
+                cells = [number(float(values.min())), *shown, number(float(values.max())), mean_text(values)]
             rows.append([code(metric), *([escaped(name)] if several else []), str(len(values)), *cells])
-    told = "Over the runs that did not fail and have the metric; quantiles and means with confidence intervals."
-    return f"{told}\n\n{markdown_table(head, rows, texts=('variant',))}"
+    caption = "Over the runs that did not fail and have the metric; quantiles and means with confidence intervals."
+    return f"{caption}\n\n{markdown_table(head, rows, texts=('variant',))}"
 
 
 def _quantile(values: FloatArray, share: float) -> str:
-    found = quantile(values, share)
-    if found.low is not None and found.high is not None:
-        return f"{number(found.value)} ({number(found.low)} to {number(found.high)})"
-    if found.low is not None:
+    estimate = quantile(values, share)
+    if estimate.low is not None and estimate.high is not None:
+        return f"{number(estimate.value)} ({number(estimate.low)} to {number(estimate.high)})"
+    if estimate.low is not None:
         needed = values_for_upper_end(share)
-        return f"{number(found.value)} (from {number(found.low)}, no upper bound with fewer than {needed} runs)"
-    if found.high is not None:
+        return f"{number(estimate.value)} (from {number(estimate.low)}, no upper bound with fewer than {needed} runs)"
+    if estimate.high is not None:
         needed = values_for_upper_end(1.0 - share)
-        return f"{number(found.value)} (to {number(found.high)}, no lower bound with fewer than {needed} runs)"
-    return f"{number(found.value)} (no bounds)"
+        return f"{number(estimate.value)} (to {number(estimate.high)}, no lower bound with fewer than {needed} runs)"
+    return f"{number(estimate.value)} (no bounds)"
 
 
 def _convergence(results: Results) -> Iterator[str]:
     shown_metrics = [*([SUCCESS] if results.has_success else []), *results.metrics]
-    found = {what: {each.runs: each for each in intervals(results, what)} for what in shown_metrics}
-    found = {what: by for what, by in found.items() if by}
-    counts = sorted({runs for by in found.values() for runs in by})
+    by_metric = {what: {interval.runs: interval for interval in intervals(results, what)} for what in shown_metrics}
+    by_metric = {what: by for what, by in by_metric.items() if by}
+    counts = sorted({runs for by in by_metric.values() for runs in by})
     if not counts:
         yield "Fewer than 8 runs."
         return
     rows = [
         [code(what) if what != SUCCESS else what, *(_width(by[runs].width) if runs in by else "" for runs in counts)]
-        for what, by in found.items()
+        for what, by in by_metric.items()
     ]
     head = ("interval width after", *(f"{runs} runs" for runs in counts))
     yield "Intervals of the fraction of successes, and of the medians of metrics."
@@ -287,8 +289,10 @@ def _sensitivity(results: Results) -> Iterator[str]:
     for metric in results.metrics:
         values = finite(results.valid, metric)
         constant = len(values) == 0 or is_constant(values)
-        found = [None if constant else rank_correlation(results, name, metric) for name in results.parameters]
-        rows.append([code(metric), *("constant" if constant else "" if rho is None else f"{rho:.2f}" for rho in found)])
+        correlations = [None if constant else rank_correlation(results, name, metric) for name in results.parameters]
+        rows.append(
+            [code(metric), *("constant" if constant else "" if rho is None else f"{rho:.2f}" for rho in correlations)]
+        )
     chance = (
         f" Without correlation, magnitudes are below {1.96 / math.sqrt(count - 1):.2f} in 95 % of cases."
         if count > 2
@@ -305,25 +309,25 @@ def _sensitivity(results: Results) -> Iterator[str]:
 
 def _indices(results: Results, metric: str) -> list[str]:
     try:
-        found = sobol_indices(results, metric)
+        indices = sobol_indices(results, metric)
     except ValueError as reason:
         return [code(metric), str(reason), *[""] * (len(results.parameters) - 1)]
     cells = [
-        f"{each.first:.2f} ({each.first_interval[0]:.2f} to {each.first_interval[1]:.2f}), "
-        f"total {each.total:.2f} ({each.total_interval[0]:.2f} to {each.total_interval[1]:.2f})"
-        for each in found
+        f"{column.first:.2f} ({column.first_interval[0]:.2f} to {column.first_interval[1]:.2f}), "
+        f"total {column.total:.2f} ({column.total_interval[0]:.2f} to {column.total_interval[1]:.2f})"
+        for column in indices
     ]
     return [code(metric), *cells]
 
 
 def _failures(results: Results) -> Iterator[str]:
-    found = groups(results)
-    if not found:
+    failures = groups(results)
+    if not failures:
         yield "None."
         return
     rows = [
-        [escaped(each.how), escaped(each.phase), str(len(each.runs)), _runs(each.runs), escaped(each.message)]
-        for each in found
+        [escaped(group.how), escaped(group.phase), str(len(group.runs)), _runs(group.runs), escaped(group.message)]
+        for group in failures
     ]
     yield markdown_table(("failure", "last phase", "number", "runs", "message of the first"), rows)
     differing = differences(results)
@@ -336,7 +340,10 @@ def _failures(results: Results) -> Iterator[str]:
     )
     yield markdown_table(
         ("parameter", "distance", "p-value"),
-        ([code(each.parameter), f"{each.statistic:.2f}", f"{each.probability:.2g}"] for each in differing),
+        (
+            [code(difference.parameter), f"{difference.statistic:.2f}", f"{difference.probability:.2g}"]
+            for difference in differing
+        ),
     )
 
 
@@ -372,25 +379,25 @@ def _differences(comparison: VariantComparison) -> Iterator[str]:
         f"its interval excludes zero and {LEAST_RUNS} runs or more differ."
     )
     for metric in metrics:
-        found = [(pair, pair.differences[metric]) for pair in comparison.pairs if metric in pair.differences]
-        if not found:
+        differences = [(pair, pair.differences[metric]) for pair in comparison.pairs if metric in pair.differences]
+        if not differences:
             continue
         yield f"### {code(metric)}{_goal(objectives, metric)}"
-        if not any(each.lower or each.higher for _, each in found):
+        if not any(change.lower or change.higher for _, change in differences):
             yield "Equal in all variants, run by run."
             continue
-        if len(found) <= _MOST_SENTENCES:
-            yield _list([each.sentence(pair.first, pair.second) for pair, each in found])
-        yield markdown_table(_HEAD, [_row(pair, each) for pair, each in found], texts=("second", "shown"))
+        if len(differences) <= _MOST_SENTENCES:
+            yield _list([change.sentence(pair.first, pair.second) for pair, change in differences])
+        yield markdown_table(_HEAD, [_row(pair, change) for pair, change in differences], texts=("second", "shown"))
 
 
 def _goal(objectives: Mapping[str, str], metric: str) -> str:
     return f" ({objectives[metric]})" if metric in objectives else ""
 
 
-def _row(pair: VariantPair, found: PairedDifference) -> list[str]:
-    shown = {-1: "less in second", 0: "no", 1: "more in second"}[found.sign]
-    interval = "one run" if found.n < 2 else f"{number(found.low)} to {number(found.high)}"
-    means = [number(value) for value in (found.first, found.second, found.mean)]
-    counts = [str(found.lower), str(found.higher)]
-    return [escaped(pair.first), escaped(pair.second), str(found.n), *means, interval, *counts, shown]
+def _row(pair: VariantPair, difference: PairedDifference) -> list[str]:
+    shown = {-1: "less in second", 0: "no", 1: "more in second"}[difference.sign]
+    interval = "one run" if difference.n < 2 else f"{number(difference.low)} to {number(difference.high)}"
+    means = [number(value) for value in (difference.first, difference.second, difference.mean)]
+    counts = [str(difference.lower), str(difference.higher)]
+    return [escaped(pair.first), escaped(pair.second), str(difference.n), *means, interval, *counts, shown]

@@ -33,7 +33,7 @@ class Plan:
     Attributes:
         config: The campaign file; of a variant, what it comes to.
         source: Locations of its keys.
-        own: Control laws, estimators and metrics of the caller, with those of the metrics file.
+        classes: Control laws, estimators and metrics of the caller, with those of the metrics file.
         overrides: Overrides of the base scenario for all runs, ``key=json``.
         base: The compiled base scenario.
         scalars: Scalars that are sampled for each run.
@@ -42,7 +42,7 @@ class Plan:
 
     config: CampaignFile
     source: YamlSource
-    own: ScriptClasses
+    classes: ScriptClasses
     overrides: tuple[str, ...]
     base: PreparedRun
     scalars: tuple[SampledScalar, ...]
@@ -101,19 +101,19 @@ class VariantsPlan:
 
     Attributes:
         config: The campaign file.
-        own: Control laws, estimators and metrics of the caller, with those of the metrics file.
+        classes: Control laws, estimators and metrics of the caller, with those of the metrics file.
         variants: Plan of each variant that its scenario can run, by name.
         not_applicable: Why the control laws of the other variants cannot be created for their scenarios, by name.
     """
 
     config: CampaignFile
-    own: ScriptClasses
+    classes: ScriptClasses
     variants: Mapping[str, Plan]
     not_applicable: Mapping[str, str]
 
 
 def load_campaign(
-    campaign: Mapping[str, Any] | str | Path, overrides: Sequence[str] = (), own: ScriptClasses = NO_CLASSES
+    campaign: Mapping[str, Any] | str | Path, overrides: Sequence[str] = (), classes: ScriptClasses = NO_CLASSES
 ) -> Plan | VariantsPlan:
     """Read and validate a campaign; no design is sampled, and a metrics file is not executed.
 
@@ -121,19 +121,19 @@ def load_campaign(
         campaign: A file, the name of a shipped campaign, or the keys of one, with a scenario as :func:`ffsm_mj.run` takes;
             paths in it are then relative to the current folder.
         overrides: ``key=value`` overrides of the campaign file.
-        own: Control laws, estimators and metrics of the caller; its metrics replace the file that the campaign names.
+        classes: Control laws, estimators and metrics of the caller; its metrics replace the file that the campaign names.
 
     Raises:
         InputError: One line per fault, with file, line and column.
     """
     if not isinstance(campaign, Mapping):
         path = campaign_path(campaign)
-        return _plan(source_of(read_node(path, "campaign"), path).overridden(overrides), own)
-    given, stated, base = campaign.get("scenario"), dict(campaign), None
-    if isinstance(given, Scenario | Mapping):
-        base = scenario_of(given, controllers=own.controllers, estimators=own.estimators)
+        return _plan(source_of(read_node(path, "campaign"), path).overridden(overrides), classes)
+    scenario, stated, base = campaign.get("scenario"), dict(campaign), None
+    if isinstance(scenario, Scenario | Mapping):
+        base = scenario_of(scenario, controllers=classes.controllers, estimators=classes.estimators)
         stated["scenario"] = base.name
-    return _plan(stated_source(stated, "campaign").overridden(overrides), own, base)
+    return _plan(stated_source(stated, "campaign").overridden(overrides), classes, base)
 
 
 def read_campaign(file: Path) -> CampaignFile:
@@ -145,12 +145,12 @@ def read_campaign(file: Path) -> CampaignFile:
     return _validated(source_of(read_node(file, "campaign"), file))
 
 
-def stored_plan(file: Path, own: ScriptClasses) -> Plan:
+def stored_plan(file: Path, classes: ScriptClasses) -> Plan:
     """Read and validate the campaign file in the folder of a campaign; it names no Python file.
 
     Args:
         file: The file.
-        own: Control laws, estimators and metrics of the caller.
+        classes: Control laws, estimators and metrics of the caller.
 
     Raises:
         InputError: One line per fault, with file, line and column.
@@ -159,7 +159,7 @@ def stored_plan(file: Path, own: ScriptClasses) -> Plan:
     config = _validated(source)
     if config.metrics_file is not None or config.variants:
         raise InputError(f"{file}: is not the file of a stored campaign (variants, or metrics of a file)")
-    return _Planner(config, source, own, None).plan()
+    return _Planner(config, source, classes, None).plan()
 
 
 def load_plan(campaign: Mapping[str, Any] | str | Path) -> Plan:
@@ -174,12 +174,12 @@ def load_plan(campaign: Mapping[str, Any] | str | Path) -> Plan:
     return plan
 
 
-def _plan(source: YamlSource, own: ScriptClasses, base: Scenario | None = None) -> Plan | VariantsPlan:
+def _plan(source: YamlSource, classes: ScriptClasses, base: Scenario | None = None) -> Plan | VariantsPlan:
     """Validate a campaign.
 
     Args:
         source: Data of the campaign file and locations of its keys; paths are relative to the file.
-        own: Control laws, estimators and metrics of the caller.
+        classes: Control laws, estimators and metrics of the caller.
         base: Its scenario; None: the one that it names.
 
     Raises:
@@ -192,9 +192,9 @@ def _plan(source: YamlSource, own: ScriptClasses, base: Scenario | None = None) 
         use = f"'{command('run', source.path)}'" if on_command_line() else "ffsm_mj.run"
         raise InputError(f"{source.path}: is a scenario, not a campaign; use {use}")
     config = _validated(source)
-    own = own if own.metrics else replace(own, metrics=_metrics_of_file(config, source))
-    found = _Planner(config, source, own, base)
-    return found.variants() if config.variants else found.plan()
+    classes = classes if classes.metrics else replace(classes, metrics=_metrics_of_file(config, source))
+    planner = _Planner(config, source, classes, base)
+    return planner.variants() if config.variants else planner.plan()
 
 
 def _validated(source: YamlSource) -> CampaignFile:
@@ -229,13 +229,13 @@ class _Planner:
     Attributes:
         config: The campaign file.
         source: Locations of its keys.
-        own: Control laws, estimators and metrics of the caller.
+        classes: Control laws, estimators and metrics of the caller.
         base: Its scenario; None: the one that it names.
     """
 
     config: CampaignFile
     source: YamlSource
-    own: ScriptClasses
+    classes: ScriptClasses
     base: Scenario | None
 
     def variants(self) -> VariantsPlan:
@@ -259,7 +259,7 @@ class _Planner:
         if not planned:
             name, reason = next(iter(not_applicable.items()))
             raise InputError(self.source.line(Fault(f"no variant is applicable; {name}: {reason}", ("variants",))))
-        return VariantsPlan(self.config, self.own, planned, not_applicable)
+        return VariantsPlan(self.config, self.classes, planned, not_applicable)
 
     def plan(self, name: str = "", variant: VariantConfig | None = None, seed: int | None = None) -> Plan:
         """Compile the base scenario of a campaign, or of a variant, and bind its dispersions.
@@ -288,12 +288,12 @@ class _Planner:
         except ScenarioFaults as faults:
             raise self.source.located(faults) from faults
         overrides = tuple(as_overrides(config.overrides))
-        return Plan(config, self.source, self.own, overrides, prepared, scalars, bindings)
+        return Plan(config, self.source, self.classes, overrides, prepared, scalars, bindings)
 
     def _config(self, name: str, variant: VariantConfig | None) -> CampaignFile:
         """Campaign file of a campaign without variants; of a variant, that of a campaign of its own."""
-        names = tuple(dict.fromkeys([*self.config.kept_metrics, *self.own.metrics]))
-        changes: dict[str, Any] = {"metrics": names} if self.own.metrics else {}
+        names = tuple(dict.fromkeys([*self.config.kept_metrics, *self.classes.metrics]))
+        changes: dict[str, Any] = {"metrics": names} if self.classes.metrics else {}
         if variant is not None:
             none: dict[str, Any] = {"variants": {}, "objectives": {}, "reference": None, "pareto": None}
             limits = self.config.limits.model_copy(update={"max_failed": self.config.max_failed})
@@ -313,7 +313,7 @@ class _Planner:
         scenario = self._scenario(name, variant)
         try:
             return prepare(
-                scenario, list(changes.values()), controllers=self.own.controllers, estimators=self.own.estimators
+                scenario, list(changes.values()), controllers=self.classes.controllers, estimators=self.classes.estimators
             )
         except InputError as error:
             lines = []
@@ -331,11 +331,11 @@ class _Planner:
         Raises:
             InputError: There is none.
         """
-        own = variant is not None and variant.scenario is not None
-        if self.base is not None and not own:
+        replaced = variant is not None and variant.scenario is not None
+        if self.base is not None and not replaced:
             return self.base
         text = variant.scenario if variant is not None and variant.scenario is not None else self.config.scenario
-        place: KeyPath = ("variants", name, "scenario") if own else ("scenario",)
+        place: KeyPath = ("variants", name, "scenario") if replaced else ("scenario",)
         relative = text.endswith((".yaml", ".yml")) or "/" in text
         try:
             return scenario_path(self.source.folder(place) / text if relative else text)
@@ -357,7 +357,7 @@ class _Planner:
             if isinstance(scenario, Scenario):
                 scenario.with_overrides(changes)
             else:
-                load_scenario(scenario, changes, self.own.controllers, self.own.estimators)
+                load_scenario(scenario, changes, self.classes.controllers, self.classes.estimators)
             self.plan(name, variant.model_copy(update={"controllers": {}, "overrides": kept}))
         except InputError:
             return False
@@ -371,11 +371,11 @@ class _Planner:
         """
         actuators = [identifier(name) for name in prepared.system.names("actuator")]
         named = dict(reversed(list(self.config.named_metrics())))
-        wrong = ((fault_of(name, actuators, self.own.metrics), path) for name, path in reversed(named.items()))
+        wrong = ((fault_of(name, actuators, self.classes.metrics), path) for name, path in reversed(named.items()))
         faults = [Fault(fault, path) for fault, path in wrong if fault is not None]
         message = "{} is a built-in metric; give the function another name"
-        taken = [name for name in self.own.metrics if fault_of(name, actuators) is None]
-        faults += [Fault(message.format(name), ("metrics",)) for name in taken]
+        reserved = [name for name in self.classes.metrics if fault_of(name, actuators) is None]
+        faults += [Fault(message.format(name), ("metrics",)) for name in reserved]
         if faults:
             raise ScenarioFaults(faults)
 
@@ -410,8 +410,8 @@ def described(plan: Plan | VariantsPlan) -> list[str]:
     lines += [f"not applicable: {name}: {reason}" for name, reason in plan.not_applicable.items()]
     for planned in others:
         planned.design()  # refuses samples that the scenario of the variant does not accept
-    if plan.own.metrics:
-        lines.append(f"  own metrics: {', '.join(plan.own.metrics)}")
+    if plan.classes.metrics:
+        lines.append(f"  own metrics: {', '.join(plan.classes.metrics)}")
     return [*lines, *(f"variant {line}" if not i else line for i, line in enumerate(_description(first, design)))]
 
 

@@ -23,11 +23,11 @@ _MOST_REPLAYS = 100
 """Largest number of trajectories in a figure."""
 
 
-def write_report(found: Campaign, page: Path | None = None) -> list[Path]:
+def write_report(campaign: Campaign, page: Path | None = None) -> list[Path]:
     """Write the page with its figures, and the page as one HTML file and the table as Parquet and CSV in the folder.
 
     Args:
-        found: The campaign, finished or not.
+        campaign: The campaign, finished or not.
         page: Markdown file; its figures go to ``figures/<its name>/`` beside it. None: ``report.md`` in the folder of the
             campaign, where the HTML file is always.
 
@@ -40,18 +40,18 @@ def write_report(found: Campaign, page: Path | None = None) -> list[Path]:
     """
     from ffsm_mj.experiments.figures import save_figures, save_variant_figures  # Matplotlib is slow to import
 
-    page = page or found.folder.path / PAGE
+    page = page or campaign.folder.path / PAGE
     pictures = folder_below(page.parent, FIGURES, page.stem)
-    results, rows = found.variant_results(), found.table_rows()
-    comparison = compare_variants(results) if found.variants else None
+    results, rows = campaign.variant_results(), campaign.table_rows()
+    comparison = compare_variants(results) if campaign.variants else None
     if comparison is not None:
-        made = save_variant_figures(comparison, pictures)
+        figures = save_variant_figures(comparison, pictures)
     else:
-        made = save_figures(results.variants[""], list(_rerun_runs(found)), pictures)
-    shown = [(what, f"{FIGURES}/{page.stem}/{file}") for what, file in made]
+        figures = save_figures(results.variants[""], list(_rerun_runs(campaign)), pictures)
+    shown = [(what, f"{FIGURES}/{page.stem}/{file}") for what, file in figures]
     text = report_page(results, comparison, shown)
-    pages = write_pages(text, found.config.campaign, page, [file for _, file in shown], found.folder.path / HTML)
-    return [*pages, *(page.parent / file for _, file in shown), *write_tables(found.folder.path, rows)]
+    pages = write_pages(text, campaign.config.campaign, page, [file for _, file in shown], campaign.folder.path / HTML)
+    return [*pages, *(page.parent / file for _, file in shown), *write_tables(campaign.folder.path, rows)]
 
 
 def write_pages(text: str, title: str, page: Path, figures: Sequence[str], html: Path) -> list[Path]:
@@ -94,11 +94,11 @@ def write_tables(folder: Path, rows: Sequence[TableRow]) -> list[Path]:
     return [folder / PARQUET, folder / CSV]
 
 
-def _rerun_runs(found: Campaign) -> Iterator[tuple[bool, Run]]:
+def _rerun_runs(campaign: Campaign) -> Iterator[tuple[bool, Run]]:
     """Repeated runs whose logs exist, and whether each is good."""
-    good, folder = found.results().frame[GOOD], found.folder.path / RERUNS
-    made = sorted(folder.iterdir()) if folder.is_dir() else []
-    for place in [place for place in made if place.name.isdecimal() and int(place.name) in good.index][:_MOST_REPLAYS]:
+    good, folder = campaign.results().frame[GOOD], campaign.folder.path / RERUNS
+    folders = sorted(folder.iterdir()) if folder.is_dir() else []
+    for place in [place for place in folders if place.name.isdecimal() and int(place.name) in good.index][:_MOST_REPLAYS]:
         try:
             run = load_run(find_log(place))
         except (InputError, LogError):

@@ -56,8 +56,8 @@ class Results:
         """The rows by run, with the column :data:`GOOD`: a success, or, without a condition, a run that has not failed."""
         import pandas as pd  # slow to import
 
-        found = pd.DataFrame(list(self.rows), columns=None if self.rows else _HEAD, index=[row["run"] for row in self.rows])
-        return found.assign(**{GOOD: ~found["failed"].astype(bool) & found["success"].ne(False)})
+        table = pd.DataFrame(list(self.rows), columns=None if self.rows else _HEAD, index=[row["run"] for row in self.rows])
+        return table.assign(**{GOOD: ~table["failed"].astype(bool) & table["success"].ne(False)})
 
     @property
     def has_success(self) -> bool:
@@ -90,8 +90,8 @@ _HEAD = ("run", "outcome", "failed", "success", "message", "phase")
 
 def column_of(name: str, kind: str, rows: Sequence[TableRow]) -> str:
     """Column of a parameter or metric; it has a prefix if another column has its name."""
-    own = f"{kind}:{name}"
-    return own if any(own in row for row in rows) else name
+    qualified = f"{kind}:{name}"
+    return qualified if any(qualified in row for row in rows) else name
 
 
 def passed(rows: DataFrame) -> DataFrame:
@@ -107,8 +107,8 @@ def numbers(rows: DataFrame, column: str) -> FloatArray:
 
 def finite(rows: DataFrame, column: str) -> FloatArray:
     """Finite numbers of a column."""
-    found = numbers(rows, column)
-    return found[np.isfinite(found)]
+    values = numbers(rows, column)
+    return values[np.isfinite(values)]
 
 
 @dataclass(frozen=True)
@@ -153,7 +153,7 @@ class VariantResults:
     def metrics(self) -> tuple[str, ...]:
         """Columns of the metrics that all variants have."""
         first, *others = self.variants.values()
-        return tuple(name for name in first.metrics if all(name in each.metrics for each in others))
+        return tuple(name for name in first.metrics if all(name in other.metrics for other in others))
 
     @property
     def compared(self) -> tuple[str, ...]:
@@ -164,12 +164,17 @@ class VariantResults:
         """Counts of the runs of a variant."""
         results = self.variants[variant]
         completed = results.frame[results.frame["outcome"] == "completed"]
-        columns = {each.metric: column_of(each.metric, "metric", results.rows) for each in self.config.conditions}
+        columns = {
+            condition.metric: column_of(condition.metric, "metric", results.rows) for condition in self.config.conditions
+        }
         met = [
             row
             for row in results.rows
             if row["outcome"] == "completed"
-            and all(each.holds({each.metric: row.get(columns[each.metric])}) for each in self.config.conditions)
+            and all(
+                condition.holds({condition.metric: row.get(columns[condition.metric])})
+                for condition in self.config.conditions
+            )
         ]
         outcomes = {str(name): int(count) for name, count in results.frame["outcome"].value_counts().items()}
         successes = sum(not row["failed"] for row in met)
@@ -197,7 +202,7 @@ def table_rows(rows: Iterable[RunRow], design: Design, conditions: Sequence[Cond
     Columns have the names of parameters and metrics; the prefix ``parameter:`` or ``metric:`` distinguishes equal names.
     Values read back from the compiled model have the prefix ``model:``.
     """
-    found = []
+    table = []
     for row in rows:
         sampled = dict(zip(design.parameters, design.rows[row.index], strict=True))
         cells: TableRow = {
@@ -211,8 +216,8 @@ def table_rows(rows: Iterable[RunRow], design: Design, conditions: Sequence[Cond
         for kind, values in (("parameter", sampled), ("metric", row.metrics)):
             cells |= {name if name not in cells else f"{kind}:{name}": _cell(value) for name, value in values.items()}
         cells |= {f"model:{name}": value for name, value in row.model.items()}
-        found.append(cells | {"cpu": row.cpu, "wall_s": row.wall_s, "cpu_s": row.cpu_s})
-    return found
+        table.append(cells | {"cpu": row.cpu, "wall_s": row.wall_s, "cpu_s": row.cpu_s})
+    return table
 
 
 def _cell(value: Any) -> Any:
@@ -224,7 +229,7 @@ def is_success(row: RunRow, conditions: Sequence[Condition]) -> bool | None:
     """Whether a run meets the success conditions of the campaign; None if there are none."""
     if not conditions:
         return None
-    return not row.failed and all(each.holds(row.metrics) for each in conditions)
+    return not row.failed and all(condition.holds(row.metrics) for condition in conditions)
 
 
 def as_arrow(rows: Sequence[TableRow]) -> Any:
@@ -320,23 +325,23 @@ def status_of(store: Store, name: str, runs: int) -> Status:
 def status_of_variants(name: str, variants: Mapping[str, Status]) -> Status:
     """Progress of a campaign with variants."""
     outcomes: Counter[str] = Counter()
-    for each in variants.values():
-        outcomes.update(each.outcomes)
-    runs, done, failed = (sum(getattr(each, key) for each in variants.values()) for key in ("runs", "done", "failed"))
-    stopped = "; ".join(f"{name}: {each.stopped}" for name, each in variants.items() if each.stopped)
+    for part in variants.values():
+        outcomes.update(part.outcomes)
+    runs, done, failed = (sum(getattr(part, key) for part in variants.values()) for key in ("runs", "done", "failed"))
+    stopped = "; ".join(f"{name}: {part.stopped}" for name, part in variants.items() if part.stopped)
     return Status(name, runs, done, failed, outcomes, (), stopped=stopped, variants=variants)
 
 
 def failing_checks(failed: Iterable[RunRow]) -> tuple[FailingCheck, ...]:
     """Failing checks of failed runs of any outcome, the most frequent first."""
-    found: dict[str, list[tuple[float, int]]] = {}
+    by_check: dict[str, list[tuple[float, int]]] = {}
     for row in failed:
         for name, excess in _excesses(row).items():
-            found.setdefault(name, []).append((excess, row.index))
+            by_check.setdefault(name, []).append((excess, row.index))
     # The first of several runs with the largest excess.
-    worst = {name: max(each, key=lambda one: (one[0], -one[1])) for name, each in found.items()}
-    made = [FailingCheck(name, len(each), *worst[name]) for name, each in found.items()]
-    return tuple(sorted(made, key=lambda check: (-check.runs, -check.excess, check.name)))
+    worst = {name: max(margins, key=lambda one: (one[0], -one[1])) for name, margins in by_check.items()}
+    checks = [FailingCheck(name, len(margins), *worst[name]) for name, margins in by_check.items()]
+    return tuple(sorted(checks, key=lambda check: (-check.runs, -check.excess, check.name)))
 
 
 def _excesses(row: RunRow) -> dict[str, float]:

@@ -127,14 +127,18 @@ def of_prepared(
         raise InputError(f"kind: {unknown_name('kind', kind, KINDS)}")
     names = (of,) if isinstance(of, str) else tuple(of)
     outcomes = tuple(map(Outcome.named, names or default_outcomes(run)))
-    found = checked_parameters(prepared, wrt)
+    parameters = checked_parameters(prepared, wrt)
     if not outcomes:
         raise InputError(f"{run.name}: the run has no impact and no task: name an outcome")
-    if not found:
+    if not parameters:
         raise InputError(
             f"{run.name}: nothing is uncertain: name a key and its standard deviation, or state 'uncertainties'"
         )
-    return exact(prepared, run, outcomes, found) if kind == "exact" else secant(prepared, run, outcomes, found, report)
+    return (
+        exact(prepared, run, outcomes, parameters)
+        if kind == "exact"
+        else secant(prepared, run, outcomes, parameters, report)
+    )
 
 
 def checked_parameters(prepared: PreparedRun, wrt: Mapping[str, float] = MappingProxyType({})) -> tuple[Parameter, ...]:

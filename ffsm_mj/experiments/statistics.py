@@ -37,17 +37,17 @@ class Proportion:
         """Wilson's two-sided interval at the level CONFIDENCE."""
         from scipy.stats import binomtest  # slow to import
 
-        found = binomtest(self.count, self.of).proportion_ci(CONFIDENCE, method="wilson")
-        return float(found.low), float(found.high)
+        bounds = binomtest(self.count, self.of).proportion_ci(CONFIDENCE, method="wilson")
+        return float(bounds.low), float(bounds.high)
 
     @property
-    def told(self) -> str:
+    def interval_text(self) -> str:
         """The interval as text."""
         low, high = self.interval
         return f"{percent(low)} to {percent(high)}"
 
 
-def told_mean(values: FloatArray) -> str:
+def mean_text(values: FloatArray) -> str:
     """Mean of some values with its interval as text."""
     mean, low, high = mean_interval(values)
     return number(mean) + ("" if math.isnan(low) else f" ({number(low)} to {number(high)})")
@@ -159,13 +159,13 @@ def intervals(results: Results, what: str) -> list[IntervalAtRuns]:
     while runs <= len(results.complete_part):
         counts.append(runs)
         runs *= 2
-    return [found for runs in counts if (found := interval_at(results, what, runs)) is not None]
+    return [point for runs in counts if (point := interval_at(results, what, runs)) is not None]
 
 
 def narrow_enough(results: Results, what: str, width: float) -> bool:
     """Whether the interval at the largest power of 2 is at most this wide."""
-    found = intervals(results, what)
-    return bool(found) and found[-1].width is not None and found[-1].width <= width
+    points = intervals(results, what)
+    return bool(points) and points[-1].width is not None and points[-1].width <= width
 
 
 NO_SUCCESS = "no success"
@@ -195,11 +195,11 @@ def groups(results: Results) -> list[FailureGroup]:
     """Groups of runs that are not good, the largest group first."""
     bad = results.frame[~results.frame[GOOD]]
     how = [_how(row) for row in bad.to_dict("records")]
-    made = [
+    failure_groups = [
         FailureGroup(name, phase, tuple(rows.index.tolist()), rows["message"].iloc[0])
         for (name, phase), rows in bad.assign(how=how).groupby(["how", "phase"], sort=False)
     ]
-    return sorted(made, key=lambda group: (-len(group.runs), group.runs))
+    return sorted(failure_groups, key=lambda group: (-len(group.runs), group.runs))
 
 
 def _how(row: TableRow) -> str:
@@ -235,16 +235,16 @@ def differences(results: Results) -> list[ParameterDifference]:
     from scipy.stats import ks_2samp  # slow to import
 
     good = results.sample[GOOD].to_numpy(np.bool_)
-    found = []
+    statistics = []
     for parameter in results.parameters:
         values = numbers(results.sample, parameter)
         sides = [values[side & np.isfinite(values)] for side in (good, ~good)]
         if min(map(len, sides)) >= _LEAST:
             compared = ks_2samp(*sides)
-            found.append((parameter, float(compared.statistic), float(compared.pvalue)))
-    corrected = holm([probability for *_, probability in found])
-    made = [ParameterDifference(name, distance, p) for (name, distance, _), p in zip(found, corrected, strict=True)]
-    return sorted(made, key=lambda difference: (difference.probability, -difference.statistic))
+            statistics.append((parameter, float(compared.statistic), float(compared.pvalue)))
+    corrected = holm([probability for *_, probability in statistics])
+    shifted = [ParameterDifference(name, distance, p) for (name, distance, _), p in zip(statistics, corrected, strict=True)]
+    return sorted(shifted, key=lambda difference: (difference.probability, -difference.statistic))
 
 
 def holm(probabilities: Sequence[float]) -> list[float]:
@@ -321,8 +321,8 @@ def _estimates(blocks: FloatArray) -> FloatArray:
     from scipy import stats
 
     parts = {"f_A": blocks[None, 0], "f_B": blocks[None, 1], "f_AB": blocks[2:, None]}
-    found = stats.sobol_indices(func=parts, n=blocks.shape[1])
-    return np.array([np.ravel(found.first_order), np.ravel(found.total_order)])
+    indices = stats.sobol_indices(func=parts, n=blocks.shape[1])
+    return np.array([np.ravel(indices.first_order), np.ravel(indices.total_order)])
 
 
 def _all_values(results: Results, metric: str) -> FloatArray:

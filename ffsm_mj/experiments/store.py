@@ -59,10 +59,10 @@ def fault_of_tables(db: sqlite3.Connection, tables: str) -> str:
     db.execute("PRAGMA trusted_schema=OFF")
     expected = sqlite3.connect(":memory:")
     expected.executescript(tables)
-    made, wanted = (_schema(each) for each in (db, expected))
+    actual, wanted = (_schema(database) for database in (db, expected))
     expected.close()
-    if made != wanted:
-        other = next((name for name in made if name not in wanted), next(iter(wanted)))
+    if actual != wanted:
+        other = next((name for name in actual if name not in wanted), next(iter(wanted)))
         return f"{' '.join(other[:2])} does not belong to a campaign"
     # Damaged pages may refer to each other in circles; the check visits each page once.
     damage = str(db.execute("PRAGMA quick_check(1)").fetchone()[0])
@@ -70,8 +70,8 @@ def fault_of_tables(db: sqlite3.Connection, tables: str) -> str:
 
 
 def _schema(db: sqlite3.Connection) -> dict[tuple[str, str, str], None]:
-    found = db.execute("SELECT type, name, coalesce(sql, '') FROM sqlite_master ORDER BY type, name")
-    return {(str(kind), str(name), " ".join(str(sql).split())): None for kind, name, sql in found}
+    statements = db.execute("SELECT type, name, coalesce(sql, '') FROM sqlite_master ORDER BY type, name")
+    return {(str(kind), str(name), " ".join(str(sql).split())): None for kind, name, sql in statements}
 
 
 _TABLES = """
@@ -154,15 +154,15 @@ class Store:
                     with self._writing():
                         self._create(max_pages)
                 self._refuse_foreign()
-                found = self._db.execute("SELECT hash, content FROM settings").fetchone()
+                stored = self._db.execute("SELECT hash, content FROM settings").fetchone()
         except BaseException:
             self._db.close()
             raise
-        self.digest, self.settings = (str(found[0]), str(found[1])) if found else ("", "")
+        self.digest, self.settings = (str(stored[0]), str(stored[1])) if stored else ("", "")
 
     def _refuse_foreign(self) -> None:
-        found = self._db.execute("PRAGMA user_version").fetchone()[0]
-        if found != _FORMAT:
+        stored = self._db.execute("PRAGMA user_version").fetchone()[0]
+        if stored != _FORMAT:
             raise InputError(f"{self.path}: is not a table of a campaign of this version")
         if fault := fault_of_tables(self._db, _TABLES):
             raise InputError(f"{self.path}: is not a table of a campaign ({fault})")
@@ -231,23 +231,23 @@ class Store:
     def last(self) -> int:
         """Largest index of a run that has a row; -1 if there is none."""
         with self._reading():
-            found = self._db.execute("SELECT max(i) FROM rows WHERE hash = ?", (self.digest,)).fetchone()[0]
-            return -1 if found is None else int(found)
+            largest = self._db.execute("SELECT max(i) FROM rows WHERE hash = ?", (self.digest,)).fetchone()[0]
+            return -1 if largest is None else int(largest)
 
     def failed(self, first: int) -> int:
         """Number of failed runs among the first runs of the design."""
         with self._reading():
-            found = self._db.execute("SELECT count(*) FROM rows WHERE hash = ? AND i < ? AND failed", (self.digest, first))
-            return int(found.fetchone()[0])
+            count = self._db.execute("SELECT count(*) FROM rows WHERE hash = ? AND i < ? AND failed", (self.digest, first))
+            return int(count.fetchone()[0])
 
     def outcomes(self) -> dict[str, int]:
         """Number of rows by outcome, the most frequent first."""
         with self._reading():
-            found = self._db.execute(
+            counts = self._db.execute(
                 "SELECT outcome, count(*) n FROM rows WHERE hash = ? GROUP BY outcome ORDER BY n DESC, outcome",
                 (self.digest,),
             )
-            return {str(outcome): int(count) for outcome, count in found}
+            return {str(outcome): int(count) for outcome, count in counts}
 
     def failures(self, most: int) -> list[RunRow]:
         """Rows of the first failed runs."""
@@ -264,8 +264,8 @@ class Store:
     def _rows(self, which: str, *values: Any) -> list[RunRow]:
         columns = "i, outcome, message, phase, metrics, model, cpu, wall_s, cpu_s"
         with self._reading():
-            found = self._db.execute(f"SELECT {columns} FROM rows WHERE {which}", values).fetchall()
-        return [self._row(each) for each in found]
+            fetched = self._db.execute(f"SELECT {columns} FROM rows WHERE {which}", values).fetchall()
+        return [self._row(row) for row in fetched]
 
     def _row(self, columns: tuple[Any, ...]) -> RunRow:
         """A row of unknown origin.

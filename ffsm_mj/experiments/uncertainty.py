@@ -78,8 +78,8 @@ def default_outcomes(run: Run) -> tuple[str, ...]:
 def values(run: Run, of: Sequence[Outcome]) -> FloatArray:
     """Outcomes of a run, (n,); NaN for those that it has not, or that are no numbers."""
     summary = run.summary()
-    found = [value_at(summary, each.name) for each in of]
-    return np.array([float(value) if isinstance(value, int | float) else math.nan for value in found])
+    numbers = [value_at(summary, quantity.name) for quantity in of]
+    return np.array([float(value) if isinstance(value, int | float) else math.nan for value in numbers])
 
 
 def impacts(run: Run) -> tuple[tuple[str, ...], ...]:
@@ -140,16 +140,16 @@ def parameters(prepared: PreparedRun, wrt: Mapping[str, float]) -> tuple[Paramet
         ScenarioFaults: No such key, or not a number, or no positive standard deviation.
     """
     targets = Targets(prepared)
-    found: list[Parameter] = []
+    uncertain: list[Parameter] = []
     faults: list[Fault] = []
     for key, sigma in wrt.items():
         try:
-            found.append(_parameter(prepared, targets, key, sigma))
+            uncertain.append(_parameter(prepared, targets, key, sigma))
         except LookupError as error:
             faults.append(Fault(str(error.args[0]), ("uncertainties", key)))
     if faults:
         raise ScenarioFaults(faults)
-    return tuple(found)
+    return tuple(uncertain)
 
 
 def _parameter(prepared: PreparedRun, targets: Targets, key: str, sigma: float) -> Parameter:
@@ -191,13 +191,13 @@ def in_words(value: float, unit: str) -> str:
     return f"{value:.4g} {unit}".rstrip()
 
 
-def given(texts: list[str]) -> dict[str, float]:
+def standard_deviations(texts: list[str]) -> dict[str, float]:
     """Standard deviations written as ``KEY=NUMBER``, with one of the units mm, um, mrad, deg or none.
 
     Raises:
         InputError: One is not written so.
     """
-    found: dict[str, float] = {}
+    sigmas: dict[str, float] = {}
     for text in texts:
         key, _, size = text.rpartition("=")
         match = re.fullmatch(r"\s*([-+.\deE]+)\s*(mm|um|mrad|deg|)\s*", size)
@@ -207,8 +207,8 @@ def given(texts: list[str]) -> dict[str, float]:
             number = None
         if not key or number is None or match is None:
             raise InputError(f"--wrt {text}: should be KEY=NUMBER, the number in SI units or with mm, um, mrad or deg")
-        found[key] = number * _UNITS[match.group(2)]
-    return found
+        sigmas[key] = number * _UNITS[match.group(2)]
+    return sigmas
 
 
 _UNITS: dict[str, Any] = {"": 1.0, "mm": 1e-3, "um": 1e-6, "mrad": 1e-3, "deg": 3.141592653589793 / 180.0}
@@ -250,7 +250,7 @@ class Sensitivity:
     @cached_property
     def covariance(self) -> FloatArray:
         """Covariance of the outcomes to first order, for independent parameters, (n, n)."""
-        scaled = self.derivative * np.array([each.sigma for each in self.wrt])
+        scaled = self.derivative * np.array([parameter.sigma for parameter in self.wrt])
         return np.asarray(scaled @ scaled.T)
 
     @property

@@ -46,8 +46,8 @@ class Job:
         versions: Package versions of the campaign.
         digest: Hash of the campaign's settings; it identifies the scenario and its models.
         timeout_s: Greatest wall time of a run, s; 0: no limit.
-        own: Control laws, estimators and metrics of a script.
-        own_process: Whether the process executes nothing else, so that it may be ended if a run is stuck.
+        classes: Control laws, estimators and metrics of a script.
+        exclusive_process: Whether the process executes nothing else, so that it may be ended if a run is stuck.
         grace_s: Time after the timeout at which a run that has not stopped is stuck, s.
         truncated: Whether runs whose checks fail by the truncation of the step alone pass: ``count``, or not: ``fail``.
     """
@@ -57,8 +57,8 @@ class Job:
     versions: Mapping[str, str]
     digest: str = ""
     timeout_s: float = 0.0
-    own: ScriptClasses = field(default_factory=ScriptClasses)
-    own_process: bool = True
+    classes: ScriptClasses = field(default_factory=ScriptClasses)
+    exclusive_process: bool = True
     grace_s: float = 5.0
     truncated: str = COUNT
 
@@ -78,11 +78,11 @@ def probe(job: Job) -> str:
         OtherVersionsError: The package versions differ from those of the campaign.
         InputError: The scenario cannot be read here.
     """
-    here = row_versions()
+    local_versions = row_versions()
     for package, wanted in job.versions.items():
-        if here.get(package, "none") != wanted:
+        if local_versions.get(package, "none") != wanted:
             raise OtherVersionsError(
-                f"worker {platform.node()}: {package} {here.get(package, 'none')}, where the campaign has {wanted}"
+                f"worker {platform.node()}: {package} {local_versions.get(package, 'none')}, where the campaign has {wanted}"
             )
     _read(job.scenario, job.digest)
     return platform.node()
@@ -133,13 +133,13 @@ def _run(job: Job, index: int, overrides: Mapping[str, Any], started: float) -> 
             raise _TimeoutError
 
     with _StuckRunGuard(job):
-        run = simulate(assembly, columns=columns_of(job.metrics, job.own.metrics), report=check_time)
+        run = simulate(assembly, columns=columns_of(job.metrics, job.classes.metrics), report=check_time)
         # A replay with shorter steps needs all rows, which are not kept: the run is repeated.
         checks = checks_with_verdict(
             run, lambda: simulate(prepared_run(job, index, overrides).assemble(), report=check_time).log, check_time
         )
         counted = check_metrics(checks, truncated=job.truncated)
-        metrics = metric_values(run, job.metrics, counted, job.own.metrics)
+        metrics = metric_values(run, job.metrics, counted, job.classes.metrics)
     return {
         "outcome": run.outcome,
         "message": run.message,
@@ -182,7 +182,7 @@ class _StuckRunGuard:
     """Context that ends the process if a run is stuck: no exception stops C code that does not return."""
 
     def __init__(self, job: Job) -> None:
-        self._after = job.timeout_s + job.grace_s if job.timeout_s and job.own_process else 0.0
+        self._after = job.timeout_s + job.grace_s if job.timeout_s and job.exclusive_process else 0.0
 
     def __enter__(self) -> None:
         if self._after:
@@ -211,7 +211,7 @@ def prepared_run(job: Job, index: int, overrides: Mapping[str, Any]) -> Prepared
     seed = base.data.get("seed", 0) if isinstance(base.data, Mapping) else 0
     seeds = {} if "seed" in overrides or not isinstance(seed, int) else {"seed": seed + index}
     source = base.overridden(as_overrides({**overrides, **seeds}))
-    laws, estimators = job.own.controllers, job.own.estimators
+    laws, estimators = job.classes.controllers, job.classes.estimators
     config = validated(source, laws, estimators)
     return recipe(config, source, laws, _model_reader(job.scenario, job.digest), estimators=estimators)
 
@@ -295,7 +295,7 @@ def rerun(
     outcome, metrics = run.outcome, dict[str, Scalar]()
     try:
         checked = check_metrics(checks_with_verdict(run, lambda: run.log), truncated=job.truncated)
-        metrics = metric_values(run, job.metrics, checked, job.own.metrics)
+        metrics = metric_values(run, job.metrics, checked, job.classes.metrics)
     except (Exception, SystemExit):  # noqa: BLE001 (a worker makes a row with the outcome error of it)
         outcome = ERROR
     return Rerun(index, run, exact, tuple(_differences(row, outcome, metrics, job.metrics, exact=exact)))
@@ -304,12 +304,12 @@ def rerun(
 def _differences(
     row: RunRow, outcome: str, metrics: Mapping[str, Scalar], asked: Sequence[str], *, exact: bool
 ) -> list[str]:
-    found = [] if row.outcome == outcome else [f"outcome {outcome}, {row.outcome} in the table"]
+    changes = [] if row.outcome == outcome else [f"outcome {outcome}, {row.outcome} in the table"]
     for name in dict.fromkeys([*row.metrics, *asked]):
         before, now = row.metrics.get(name), metrics.get(name)
         if before != now and (exact or not _near(name, before, now)):
-            found.append(f"{name} {now!r}, {before!r} in the table")
-    return found
+            changes.append(f"{name} {now!r}, {before!r} in the table")
+    return changes
 
 
 def _near(name: str, before: Any, now: Any) -> bool:

@@ -105,21 +105,21 @@ def orbit_faults(orbit: OrbitConfig, world_axes: str) -> list[OrbitFault]:
 
 def _faults_of_keys(orbit: OrbitConfig, world_axes: str) -> Iterator[OrbitFault]:
     """Keys that are missing, too many, or of another kind."""
-    sizes, given = _SIZES[orbit.kind], {name for name in type(orbit).model_fields if getattr(orbit, name) is not None}
+    sizes, stated = _SIZES[orbit.kind], {name for name in type(orbit).model_fields if getattr(orbit, name) is not None}
     ways = " or ".join(" and ".join(keys) for keys in sizes)
     known = {*(key for keys in sizes for key in keys), *_ANGLES[orbit.kind], "body", "kind", "j2"}
-    for key in [name for name in type(orbit).model_fields if name in given and name not in known]:
+    for key in [name for name in type(orbit).model_fields if name in stated and name not in known]:
         other = "; use argument_of_latitude_deg" if key in ("true_anomaly_deg", "argument_of_perigee_deg") else ""
         yield OrbitFault(key, f"is no key of 'kind: {orbit.kind}', whose size is {ways}{other}")
-    begun = [keys for keys in sizes if given.intersection(keys)]
+    begun = [keys for keys in sizes if stated.intersection(keys)]
     if len(begun) != 1:
         yield OrbitFault("", f"'kind: {orbit.kind}' takes {ways}, one way and no more")
-    elif missing := [key for key in begun[0] if key not in given]:
+    elif missing := [key for key in begun[0] if key not in stated]:
         yield OrbitFault("", f"{' and '.join(begun[0])} belong together; {missing[0]} is missing")
     needed = ["inclination_deg", _ANGLES[orbit.kind][0] if orbit.kind == "circular" else "argument_of_perigee_deg"]
     needed = [*(needed if orbit.j2 or world_axes == "eci" else ()), *(["raan_deg"] if world_axes == "eci" else ())]
     for key in needed if orbit.kind != "state" else ():
-        if key not in given:
+        if key not in stated:
             yield OrbitFault(key, f"is needed with {'j2: true' if orbit.j2 else 'world_axes: eci'}")
     if orbit.j2 and orbit.central_body.j2 is None:
         yield OrbitFault("j2", "the central body has no j2; give body.j2")
@@ -160,7 +160,9 @@ def size_of(orbit: OrbitConfig) -> tuple[float, float]:
     if orbit.kind == "elliptic":
         if orbit.semi_major_axis_km is not None and orbit.eccentricity is not None:
             return orbit.semi_major_axis_km, orbit.eccentricity
-        low, high = (body.radius_km + (each or 0.0) for each in (orbit.perigee_altitude_km, orbit.apogee_altitude_km))
+        low, high = (
+            body.radius_km + (altitude_km or 0.0) for altitude_km in (orbit.perigee_altitude_km, orbit.apogee_altitude_km)
+        )
         return 0.5 * (low + high), (high - low) / (high + low)
     assert orbit.position_km is not None
     assert orbit.velocity_km_s is not None

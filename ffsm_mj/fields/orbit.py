@@ -58,8 +58,8 @@ class PerturbedOrbit:
         while len(self._pieces) <= number:
             self._integrate()
         place = 2.0 * (time_s / self._length_s - number) - 1.0
-        found = np.asarray(np.polynomial.chebyshev.chebval(place, self._pieces[number]))
-        return found[:3], found[3:]
+        state = np.asarray(np.polynomial.chebyshev.chebval(place, self._pieces[number]))
+        return state[:3], state[3:]
 
     def _integrate(self) -> None:
         """Integrate the next piece, and fit polynomials to it."""
@@ -68,7 +68,7 @@ class PerturbedOrbit:
         nodes = np.polynomial.chebyshev.chebpts1(_DEGREE + 1)
         start, end_s = self._starts[-1], self._length_s
         # The interpolant of a step has order 7, its ends order 8: short steps make it as good.
-        found = solve_ivp(
+        solution = solve_ivp(
             lambda _, y: np.concatenate((y[3:], self.acceleration(y[:3]))),
             (0.0, end_s),
             start,
@@ -78,8 +78,8 @@ class PerturbedOrbit:
             max_step=end_s / 4.0,
             dense_output=True,
         )
-        self._pieces.append(np.polynomial.chebyshev.chebfit(nodes, found.sol(0.5 * end_s * (nodes + 1.0)).T, _DEGREE))
-        self._starts.append(found.y[:, -1])
+        self._pieces.append(np.polynomial.chebyshev.chebfit(nodes, solution.sol(0.5 * end_s * (nodes + 1.0)).T, _DEGREE))
+        self._starts.append(solution.y[:, -1])
 
 
 @dataclass(frozen=True)
@@ -134,8 +134,8 @@ class Orbit:
 
     def states(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Positions in m and velocities in m/s of the origin from the central body, world axes, (n, 3) each."""
-        found = [self.reference.state(float(time_s)) for time_s in times_s]
-        return np.array([R for R, _ in found]).reshape(-1, 3), np.array([V for _, V in found]).reshape(-1, 3)
+        states = [self.reference.state(float(time_s)) for time_s in times_s]
+        return np.array([R for R, _ in states]).reshape(-1, 3), np.array([V for _, V in states]).reshape(-1, 3)
 
     def lvlh(self, position: FloatArray, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
         """LVLH axes as columns in world axes, (..., 3, 3), and their angular velocity in world axes, rad/s, (..., 3).

@@ -10,7 +10,7 @@ from ffsm_controllers.task_space.singularity import damped_inverse
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.control_laws import task_of
-from ffsm_mj.controller_protocol import Command, ControllerContext, GivenCommand, Observation
+from ffsm_mj.controller_protocol import Command, ControllerContext, ExternalCommand, Observation
 from ffsm_mj.errors import Fault, Faults, ScenarioFaults, described, unknown_name
 from ffsm_mj.gym.rewards import EnvError
 from ffsm_mj.scenario.env_config import EffortAction, EnvConfig, RequestAction, TipVelocityAction, TipWrenchAction
@@ -42,10 +42,9 @@ class TipAction:
             raise ScenarioFaults([Fault("is missing: the scenario has no task whose tip could be used", ("site",))])
         site = config.site if config.site is not None else str(system.mj.site(assembly.task.tip_site).name)  # type: ignore[union-attr]
         axes = [_AXES[axis] for axis in config.axes]
-        systems = {"": system} | {name: each.system for name, each in assembly.held.items()}
+        systems = {"": system} | {name: grasped.system for name, grasped in assembly.grasped_systems.items()}
         contexts = {
-            name: ControllerContext(each, task_of(scenario, each), scenario.control_period_s)
-            for name, each in systems.items()
+            name: ControllerContext(one, task_of(scenario, one), scenario.control_period_s) for name, one in systems.items()
         }
         self._tasks = {
             name: TaskModel(context, config.joints, (), site=site, axes=axes, attitude=config.rotation)
@@ -84,12 +83,12 @@ class Efforts:
         Raises:
             ScenarioFaults: There is no such actuator, or it has no limit and ``max_effort`` is missing.
         """
-        found = []
+        ids = []
         with Faults() as faults:
             for i, name in enumerate(config.actuators):
                 with faults.below("actuators", i):
-                    found.append(assembly.system.index("actuator", name))
-        self.actuators = np.array(found, dtype=np.intp)
+                    ids.append(assembly.system.index("actuator", name))
+        self.actuators = np.array(ids, dtype=np.intp)
         self.scale = _greatest(config, assembly, self.actuators)
 
     def efforts(self, action: FloatArray, _: Observation) -> FloatArray:
@@ -98,11 +97,11 @@ class Efforts:
 
 
 def _greatest(config: EffortAction, assembly: Assembly, actuators: Any) -> FloatArray:
-    given = config.max_effort
-    if isinstance(given, tuple) and len(given) != len(actuators):
-        raise ScenarioFaults([Fault(f"has {len(given)} efforts for {len(actuators)} actuators", ("max_effort",))])
-    if given is not None:
-        return np.broadcast_to(np.array(given, dtype=np.float64), len(actuators)).copy()
+    stated = config.max_effort
+    if isinstance(stated, tuple) and len(stated) != len(actuators):
+        raise ScenarioFaults([Fault(f"has {len(stated)} efforts for {len(actuators)} actuators", ("max_effort",))])
+    if stated is not None:
+        return np.broadcast_to(np.array(stated, dtype=np.float64), len(actuators)).copy()
     low, high = assembly.actuation.envelope.bounds(np.zeros(assembly.system.mj.nu))
     greatest = np.maximum(-low, high)[actuators]
     free = [name for name, effort in zip(config.actuators, greatest, strict=True) if not np.isfinite(effort)]
@@ -170,7 +169,7 @@ class Actions:
             raise EnvError(f"action: must be finite, but is not at {bad}: {numbers.tolist()}")
         return np.clip(numbers, -1.0, 1.0)
 
-    def command(self, action: FloatArray, observation: Observation) -> GivenCommand:
+    def command(self, action: FloatArray, observation: Observation) -> ExternalCommand:
         """Command at a control tick for a checked action; the control laws of the phase command the other actuators.
 
         A closed grasp is not armed.
@@ -181,4 +180,4 @@ class Actions:
             command.drive(part.actuators, part.efforts(action[place], observation))
         asked = {request for place, request in self._requests if action[place] > 0.0}
         command.requests.update(asked.difference(f"{name}{_ARM}" for name in observation.grasps))
-        return GivenCommand(command, self._named)
+        return ExternalCommand(command, self._named)

@@ -89,8 +89,8 @@ class Episode:
         if self._lists is None:
             intervals = {"contacts": self._contacts.intervals(), "grasps": self._grasps.intervals()}
             empty: dict[str, Any] = {name: [] for name in record_lists()}
-            found = {name: [all_fields(each) for each in some] for name, some in intervals.items()}
-            self._lists = empty | self._records | found
+            listed = {name: [all_fields(part) for part in some] for name, some in intervals.items()}
+            self._lists = empty | self._records | listed
         return self._lists
 
 
@@ -138,9 +138,9 @@ class Endings:
                 ("success", config.success, self._success),
                 ("failure", config.failure, self._failure),
             ):
-                for each in conditions(text) if text is not None else ():
+                for condition in conditions(text) if text is not None else ():
                     with faults.below("env", key):
-                        predicate.append((each, self._named(each.metric)))
+                        predicate.append((condition, self._named(condition.metric)))
             for name, (low, high) in config.bounds.items():
                 with faults.below("env", "bounds", name):
                     self._bounds.append((name, low, high, values.scalar(name)))
@@ -169,4 +169,4 @@ class Endings:
 
 
 def _holds(predicate: _Predicate, observation: Observation) -> bool:
-    return bool(predicate) and all(each.holds({each.metric: read(observation)}) for each, read in predicate)
+    return bool(predicate) and all(condition.holds({condition.metric: read(observation)}) for condition, read in predicate)

@@ -14,7 +14,7 @@ from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.assembly.prepare import Scenario
 from ffsm_mj.assembly.simulator import Simulator, Step
-from ffsm_mj.controller_protocol import GivenCommand
+from ffsm_mj.controller_protocol import ExternalCommand
 from ffsm_mj.errors import InputError, ScenarioFaults
 from ffsm_mj.gym.endings import Ending
 from ffsm_mj.gym.rendering import Camera
@@ -194,7 +194,7 @@ class ScenarioEnv(gymnasium.Env[FloatArray, FloatArray]):
                 break
         return tuple(events), step, ending
 
-    def _tick(self, command: GivenCommand) -> Step:
+    def _tick(self, command: ExternalCommand) -> Step:
         """Simulate to the next control tick.
 
         Raises:

@@ -127,7 +127,7 @@ class Values:
         field, _, number = path.partition(".")
         array = getattr(holder, field, None) if field and not field.startswith("_") else None
         if not isinstance(array, np.ndarray) or array.dtype.kind not in "fi" or not array.size:
-            known = sorted(each for each in dir(holder) if _is_numbers(holder, each))
+            known = sorted(attribute for attribute in dir(holder) if _is_numbers(holder, attribute))
             raise LookupError(f"{name}: {unknown_name('field', field, known)}")
         flat = array.reshape(-1)
         if not number:
@@ -152,7 +152,9 @@ class Values:
         pairs = self.pairs_of([name])
 
         def read(seen: Observation) -> FloatArray:
-            return np.array([sum(float(np.linalg.norm(each.force_N)) for each in seen.contacts if each.pair in pairs)])
+            return np.array(
+                [sum(float(np.linalg.norm(contact.force_N)) for contact in seen.contacts if contact.pair in pairs)]
+            )
 
         return read
 
@@ -162,14 +164,14 @@ class Values:
         Raises:
             LookupError: No such rule or pair.
         """
-        found: set[str] = set()
+        pairs: set[str] = set()
         for name in names:
-            here = {pair.name for pair in self._assembly.pairs if name in (pair.name, pair.rule)}
-            if not here:
+            matching = {pair.name for pair in self._assembly.pairs if name in (pair.name, pair.rule)}
+            if not matching:
                 known = {known for pair in self._assembly.pairs for known in (pair.rule, pair.name)}
                 raise LookupError(unknown_name("contact rule or pair", name, known))
-            found |= here
-        return frozenset(found)
+            pairs |= matching
+        return frozenset(pairs)
 
 
 def _is_present(part: Columns) -> bool:
@@ -219,13 +221,13 @@ class Observations:
         bounds: list[tuple[float, float]] = []
         with Faults() as faults:
             for i, part in enumerate(config.observations):
-                each = part if isinstance(part, ObservationConfig) else ObservationConfig(of=part)
-                with faults.below("env", "observations", i, *(("of",) if each is part else ())):
-                    read = values.reader(each.of)
+                one = part if isinstance(part, ObservationConfig) else ObservationConfig(of=part)
+                with faults.below("env", "observations", i, *(("of",) if one is part else ())):
+                    read = values.reader(one.of)
                     size = len(read(values.now()))
                     self._readers.append(read)
-                    self.names += [each.of] if size == 1 else [f"{each.of}.{k}" for k in range(size)]
-                    bounds += [(each.low, each.high)] * size
+                    self.names += [one.of] if size == 1 else [f"{one.of}.{k}" for k in range(size)]
+                    bounds += [(one.low, one.high)] * size
         self.low, self.high = np.array(bounds).T
 
     def read(self, observation: Observation) -> FloatArray:

@@ -81,7 +81,7 @@ def nearer(step: Transition, site: str, to: str, distance_m: float = 1.0) -> flo
     return float(sparse(step) + moved / distance_m)
 
 
-SHIPPED: Mapping[str, Reward] = {each.__name__: each for each in (sparse, least_impulse, nearer)}
+SHIPPED: Mapping[str, Reward] = {reward.__name__: reward for reward in (sparse, least_impulse, nearer)}
 
 
 @cache

@@ -76,9 +76,9 @@ def split_env(
     Raises:
         InputError: A value is not one of YAML.
     """
-    given, keys = as_overrides(overrides), dict(env or {})
+    texts, keys = as_overrides(overrides), dict(env or {})
     reward = keys.pop("reward") if callable(keys.get("reward")) else None
-    return reward, [*given, *as_overrides({f"env.{key}": value for key, value in keys.items()})]
+    return reward, [*texts, *as_overrides({f"env.{key}": value for key, value in keys.items()})]
 
 
 def env_of(prepared: PreparedRun) -> EnvConfig:

@@ -149,17 +149,17 @@ def _slab(size: FloatArray, position: FloatArray, quaternion: FloatArray) -> tup
 
 def shapes_by_body(system: System) -> dict[int, list[DrawnShape]]:
     """Drawn shapes by body, for bodies that have any."""
-    found: dict[int, list[DrawnShape]] = {}
+    by_body: dict[int, list[DrawnShape]] = {}
     for shape in shapes(system):
-        found.setdefault(shape.body, []).append(shape)
-    return found
+        by_body.setdefault(shape.body, []).append(shape)
+    return by_body
 
 
 def _mesh(model: Any, mesh: int) -> tuple[FloatArray, npt.NDArray[np.int32], FloatArray]:
     """Vertices, triangles and normals at the vertices; a vertex on a sharp edge is repeated for each of its normals."""
     if mesh < 0:
         return np.empty((0, 3)), np.empty((0, 3), dtype=np.int32), np.empty((0, 3))
-    vertex, normal, face = (int(each[mesh]) for each in (model.mesh_vertadr, model.mesh_normaladr, model.mesh_faceadr))
+    vertex, normal, face = (int(starts[mesh]) for starts in (model.mesh_vertadr, model.mesh_normaladr, model.mesh_faceadr))
     faces = slice(face, face + int(model.mesh_facenum[mesh]))
     corners = np.column_stack((model.mesh_face[faces].ravel(), model.mesh_facenormal[faces].ravel()))
     used, places = np.unique(corners, axis=0, return_inverse=True)
@@ -247,13 +247,13 @@ def colour_of(system: System, geom: int) -> tuple[float, ...]:
     gets a tint of the colour of its model.
     """
     model = system.mj
-    own, material = tuple(map(float, model.geom_rgba[geom])), int(model.geom_matid[geom])
-    if own != _NO_COLOUR:
-        return own
+    colour, material = tuple(map(float, model.geom_rgba[geom])), int(model.geom_matid[geom])
+    if colour != _NO_COLOUR:
+        return colour
     if material >= 0:
         return _material_colour(model, material)
     body = int(model.geom_bodyid[geom])
-    return shares(mixed(_hue(system, body), WHITE, _TINTS[_depth(model, body) % len(_TINTS)])) if body else own
+    return shares(mixed(_hue(system, body), WHITE, _TINTS[_depth(model, body) % len(_TINTS)])) if body else colour
 
 
 def _root(model: Any, geom: int) -> int:

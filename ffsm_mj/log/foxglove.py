@@ -161,7 +161,7 @@ class ViewerTopics:
         if not self._arrows:
             return
         series = [arrow_series(arrow, frames.rows, self._scale) for arrow in self._arrows]
-        shown = np.asarray(np.any([each.acts for each in series], axis=0)).tolist()
+        shown = np.asarray(np.any([part.acts for part in series], axis=0)).tolist()
         for i, (time, acts) in enumerate(zip(times.tolist(), shown, strict=True)):
             if acts or self._arrows_shown:
                 self._arrows_shown = acts

@@ -122,15 +122,15 @@ def _text(place: str, content: bytes) -> RecordedTable:
     except UnicodeDecodeError as error:
         raise InputError(f"{place}: is neither text in UTF-8, nor Parquet, nor a log of ffsm-mj") from error
     try:
-        found = list(_rows(text))
+        table_rows = list(_rows(text))
     except csv.Error as error:
         raise InputError(f"{place}: cannot be read as CSV ({error})") from error
-    if not found:
+    if not table_rows:
         raise InputError(f"{place}: is empty; a table with a row for each sample is needed")
-    first_line, first = found[0]
+    first_line, first = table_rows[0]
     has_header = not all(map(_is_number, first))
     names = _distinct(place, first) if has_header else [str(i + 1) for i in range(len(first))]
-    rows = found[1:] if has_header else found
+    rows = table_rows[1:] if has_header else table_rows
     if not rows:
         raise InputError(f"{place}:{first_line}: has a header and no rows; a row for each sample is needed")
     for line, cells in rows:
@@ -144,7 +144,7 @@ def _rows(text: str) -> Iterator[tuple[int, list[str]]]:
     """Line number and cells of each row."""
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     first = next((line for line in lines if _has_cells(line)), "")
-    separator = next((each for each in (",", ";", "\t") if each in first), None)
+    separator = next((mark for mark in (",", ";", "\t") if mark in first), None)
     for number, line in enumerate(lines, start=1):
         if _has_cells(line):
             is_quoted = separator is not None and '"' in line
@@ -189,7 +189,7 @@ def recorded_efforts(log: RunLog) -> str:
     if not keys or not len(log.rows):
         return ""
     rows: list[tuple[float, list[float]]] = []
-    for _, is_event, time_s, efforts in sorted([*_ticks(log, keys), *_events(log, keys)], key=lambda each: each[:3]):
+    for _, is_event, time_s, efforts in sorted([*_ticks(log, keys), *_events(log, keys)], key=lambda entry: entry[:3]):
         if rows and time_s <= rows[-1][0]:  # the same time, up to rounding
             rows[-1] = rows[-1][0], efforts
         elif not (is_event and rows and efforts == rows[-1][1]):  # most events leave the efforts as they are

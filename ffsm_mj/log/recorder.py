@@ -201,8 +201,8 @@ class EventTap(Sink):
         """Events since the last call, in the order of the log."""
         if not self._events:
             return ()
-        taken, self._events = tuple(self._events), []
-        return taken
+        events, self._events = tuple(self._events), []
+        return events
 
     def event(self, event: Event) -> None:
         """Keep an event."""

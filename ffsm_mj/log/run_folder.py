@@ -159,7 +159,7 @@ def existing(folder: Path, names: Iterable[str]) -> list[str]:
     Raises:
         InputError: A parent folder of one of them is a symbolic link, or is not a folder.
     """
-    taken = []
+    present = []
     for name in names:
         blocked = _blocked(folder, name)
         if blocked is not None:
@@ -167,8 +167,8 @@ def existing(folder: Path, names: Iterable[str]) -> list[str]:
                 f"{blocked}: is not a regular folder, so the models of the run cannot be written there; move it away"
             )
         if os.path.lexists(folder / name):
-            taken.append(name)
-    return taken
+            present.append(name)
+    return present
 
 
 def _above(folder: Path, name: str) -> list[Path]:
@@ -321,8 +321,8 @@ class RunFolder:
         file = self._log()
         try:
             # Check again: another run may have finished before this one got the lock.
-            taken = existing(self.path, names)
-            self._refuse([name for name in taken if name != PARTIAL_LOG or file.left_bytes])
+            present = existing(self.path, names)
+            self._refuse([name for name in present if name != PARTIAL_LOG or file.left_bytes])
         except BaseException:
             file.discard()
             raise
@@ -334,19 +334,19 @@ class RunFolder:
         except BlockingIOError as error:
             raise InputError(f"{self.path}: another run is being written there; choose another {option('out')}") from error
 
-    def _refuse(self, taken: Sequence[str]) -> None:
-        if taken and not self._force:
-            holds = f"a run ({taken[0]})" if taken[0] in _RUN_FILES else f"{taken[0]}, a name that the run needs"
+    def _refuse(self, present: Sequence[str]) -> None:
+        if present and not self._force:
+            holds = f"a run ({present[0]})" if present[0] in _RUN_FILES else f"{present[0]}, a name that the run needs"
             remedy = f"choose another {option('out')}, or {option('force', 'True')} to replace a run"
             raise InputError(f"{self.path}: already contains {holds}; {remedy}")
         if self._force:
-            self._replaced = self._replaceable(taken)
+            self._replaced = self._replaceable(present)
 
-    def _replaceable(self, taken: Sequence[str]) -> list[str]:
+    def _replaceable(self, present: Sequence[str]) -> list[str]:
         """Files that ``force`` removes: those that every run writes, and the models that the log of the earlier run names.
 
         Args:
-            taken: Names that the new run needs and that exist.
+            present: Names that the new run needs and that exist.
 
         Raises:
             InputError: The folder is a symbolic link, it contains no run, or one of the names is not a file of a run.
@@ -355,12 +355,12 @@ class RunFolder:
         if folder.is_symlink():
             raise InputError(f"{folder}: is a symbolic link, which {force} does not follow; give the folder itself")
         log = next((folder / name for name in (LOG, PARTIAL_LOG) if os.path.lexists(folder / name)), None)
-        if taken and log is None:
+        if present and log is None:
             only = f"{force} replaces runs only; choose another {option('out')}"
-            raise InputError(f"{folder}: contains {taken[0]} but no run, and {only}")
+            raise InputError(f"{folder}: contains {present[0]} but no run, and {only}")
         # A folder may contain files of the user: only names that a run writes, or that its log lists, are removed.
         models = _models(log) if log is not None else []
-        for name in taken:
+        for name in present:
             if name not in _RUN_FILES and name not in models:
                 raise InputError(f"{folder / name}: does not belong to the run that {force} replaces; move it away")
             if (folder / name).is_dir() and not (folder / name).is_symlink():
@@ -424,8 +424,8 @@ def write_scenario(folder: Path, scenario_yaml: str, files: Mapping[str, bytes])
         InputError: The folder holds one of the files already, or cannot be written.
     """
     contents = {SCENARIO: scenario_yaml.encode(), **files}
-    if taken := existing(folder, contents):
-        raise InputError(f"{folder}: already contains {taken[0]}; choose another folder")
+    if present := existing(folder, contents):
+        raise InputError(f"{folder}: already contains {present[0]}; choose another folder")
     try:
         for name, content in contents.items():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)

@@ -103,17 +103,17 @@ def logged_scenario(log: RunLog, place: str = THE_LOG) -> LoggedScenario:
     """
     about = f"{place}: {SCENARIO_ATTACHMENT}: not a scenario of this version"
     try:
-        found = LoggedScenario.model_validate(scenario_data(log, place))
+        validated = LoggedScenario.model_validate(scenario_data(log, place))
     except ValidationError as error:
         fault = error.errors()[0]
         key = one_line(".".join(map(str, fault["loc"])))
         what = f", {key!r} is missing" if fault["type"] == "missing" else f" ({key}: {fault['msg']})"
         raise InputError(about + what) from error
-    if unknown := set(found.model or ()) - {"robot", *(found.objects or ())}:
+    if unknown := set(validated.model or ()) - {"robot", *(validated.objects or ())}:
         raise InputError(f"{about} (model: {one_line(', '.join(sorted(unknown)))} are no models)")
-    if bad := [name for name, sensor in (found.sensors or {}).items() if sensor.kind is not None and sensor.of is None]:
+    if bad := [name for name, sensor in (validated.sensors or {}).items() if sensor.kind is not None and sensor.of is None]:
         raise InputError(f"{about}, {one_line(f'sensors.{bad[0]}.of')!r} is missing")
-    return found
+    return validated
 
 
 def compile_log(log: RunLog, place: str = THE_LOG, grasp: Grasp | None = None) -> System:
@@ -135,7 +135,7 @@ def compile_log(log: RunLog, place: str = THE_LOG, grasp: Grasp | None = None) -
     def model_of(name: str, part: _Model) -> ModelFiles:
         # Models of one file are stored with the first of them.
         owners = ("robot", *objects) if part.body is not None else (name,)
-        prefix = next((each for owner in owners if part.mjcf.startswith(each := logged_name(owner, ""))), "")
+        prefix = next((added for owner in owners if part.mjcf.startswith(added := logged_name(owner, ""))), "")
         if not prefix:
             raise InputError(f"{place}: the model of {name} is {part.mjcf!r}, which is not below {logged_name(name, '')}")
         files = {key.removeprefix(prefix): content for key, content in log.header.files.items() if key.startswith(prefix)}
@@ -147,14 +147,14 @@ def compile_log(log: RunLog, place: str = THE_LOG, grasp: Grasp | None = None) -
             overrides=(Overrides("model", bodies),) if bodies is not None else (),
             pose=(part.pose or Pose()) if part.fixed and name != "robot" else None,
             body=part.body or "",
-            sites=tuple(AddedSite(site, each.body, each.pos_m) for site, each in (part.sites or {}).items()),
+            sites=tuple(AddedSite(site, added.body, added.pos_m) for site, added in (part.sites or {}).items()),
             flex=part.joint_flex or {},
         )
 
     sensors = tuple(
-        AddedSensor(name, each.kind, each.of or "", each.relative_to or "")
-        for name, each in (scenario.sensors or {}).items()
-        if each.kind is not None
+        AddedSensor(name, sensor.kind, sensor.of or "", sensor.relative_to or "")
+        for name, sensor in (scenario.sensors or {}).items()
+        if sensor.kind is not None
     )
     try:
         return compile_system(

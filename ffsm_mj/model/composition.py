@@ -13,7 +13,20 @@ import numpy as np
 
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.model.actuators import actuator_faults, dampers_to_targets, effort_limits, smooth_controllers
-from ffsm_mj.model.audit import (
+from ffsm_mj.model.edits import add_flex, add_sites, make_motors, strip
+from ffsm_mj.model.files import ModelFiles
+from ffsm_mj.model.grasp import Grasp, join
+from ffsm_mj.model.inputs import ambiguous_inputs, separate_inputs
+from ffsm_mj.model.mujoco_process import collected_warnings, warning_lines
+from ffsm_mj.model.one_file import add_shared_elements
+from ffsm_mj.model.overrides import ModelOverrides, override
+from ffsm_mj.model.places import Places
+from ffsm_mj.model.properties import Pose
+from ffsm_mj.model.sensors import AddedSensor, ModelSensor, add_sensors, sensors_of_model
+from ffsm_mj.model.settings import outermost_faults, setting_faults, setting_notes
+from ffsm_mj.model.source import REFUSALS, compile_spec, describe_error, load_spec, load_with_timing, warnings_alone
+from ffsm_mj.model.system import FixedModel, Joint, JointKind, System, Tree, ancestors
+from ffsm_mj.model.unsupported import (
     FLUID,
     authored_options,
     conservation_faults,
@@ -27,19 +40,6 @@ from ffsm_mj.model.audit import (
     scene_faults,
     shared_vector_faults,
 )
-from ffsm_mj.model.edits import add_flex, add_sites, make_motors, strip
-from ffsm_mj.model.files import ModelFiles
-from ffsm_mj.model.grasp import Grasp, join
-from ffsm_mj.model.inputs import separate_inputs, taken_inputs
-from ffsm_mj.model.mujoco_process import collected_warnings, warning_lines
-from ffsm_mj.model.one_file import add_shared_elements
-from ffsm_mj.model.overrides import ModelOverrides, override
-from ffsm_mj.model.places import Places
-from ffsm_mj.model.properties import Pose
-from ffsm_mj.model.sensors import AddedSensor, ModelSensor, add_sensors, sensors_of_model
-from ffsm_mj.model.settings import outermost_faults, setting_faults, setting_notes
-from ffsm_mj.model.source import REFUSALS, compile_spec, load_spec, load_with_timing, own_words, warnings_alone
-from ffsm_mj.model.system import FixedModel, Joint, JointKind, System, Tree, ancestors
 
 # With MuJoCo's default of 1e-6, distances of cylinders and ellipsoids are wrong by 7e-7 m, and normals flip near contact.
 _CCD_TOLERANCE = 1e-12
@@ -100,7 +100,7 @@ def part(name: str, files: ModelFiles, vfs: Any) -> Part:
         f"{files.place}: interp of {what} has no effect: delayed values are those of the last sample"
         for what in timing.interpolated
     ]
-    findings = ((kind, f"{name}/{each}", what) for kind, each, what in (*empty_ranges(spec), *taken_inputs(spec)))
+    findings = ((kind, f"{name}/{element}", what) for kind, element, what in (*empty_ranges(spec), *ambiguous_inputs(spec)))
     faults = Places(spec, {name: files}).sentences(findings)
     if faults := [*faults, *setting_faults(spec, files), *outermost_faults(spec, files)]:
         raise InputError(faults)
@@ -109,9 +109,9 @@ def part(name: str, files: ModelFiles, vfs: Any) -> Part:
     add_sites(spec, files.sites)
     add_flex(spec, files.flex)
     sensors, further = sensors_of_model(spec, name, files, timing)
-    controllers = {each.name: each.name for each in spec.actuators} | separate_inputs(spec)
+    controllers = {actuator.name: actuator.name for actuator in spec.actuators} | separate_inputs(spec)
     delays, of_file = timing.actuator_delays_s, controllers.items()
-    delays_s = {f"{name}/{each}": delays[controller] for each, controller in of_file if controller in delays}
+    delays_s = {f"{name}/{actuator}": delays[controller] for actuator, controller in of_file if controller in delays}
     return Part(spec, notes + further, overridden, warnings, sensors, delays_s)
 
 
@@ -138,9 +138,9 @@ def _compile_scene(scene: Any, files: Mapping[str, ModelFiles], vfs: Any) -> Any
         model = compile_spec(scene, vfs)
     except REFUSALS as error:
         _refuse_overrides(files, vfs)
-        raise InputError(own_words(files.values(), vfs, error)) from error
+        raise InputError(describe_error(files.values(), vfs, error)) from error
     # Masses of fixed bodies are zero, so that sums over bodies leave them out.
-    bodies = [body for name, each in files.items() if each.pose is not None for body in _fixed_model(model, name).bodies]
+    bodies = [body for name, file in files.items() if file.pose is not None for body in _fixed_model(model, name).bodies]
     if bodies:
         for numbers in (model.body_mass, model.body_inertia, model.body_subtreemass):
             numbers[bodies] = 0.0
@@ -156,15 +156,15 @@ def _refuse_overrides(files: Mapping[str, ModelFiles], vfs: Any) -> None:
     Raises:
         ScenarioFaults: There is such a model.
     """
-    for name, each in files.items():
-        if each.overrides:
-            spec = load_spec(each, vfs)
-            override(spec, name, each, vfs)
+    for name, file in files.items():
+        if file.overrides:
+            spec = load_spec(file, vfs)
+            override(spec, name, file, vfs)
             try:
                 compile_spec(spec, vfs)
             except REFUSALS as error:
                 text = " ".join(str(error).split())
-                fault = Fault(f"MuJoCo refuses the model with these properties: {text}", (each.overrides[-1].key, name))
+                fault = Fault(f"MuJoCo refuses the model with these properties: {text}", (file.overrides[-1].key, name))
                 raise ScenarioFaults([fault]) from error
 
 
@@ -215,8 +215,8 @@ def _left_out(scene: Any, spec: Any, files: ModelFiles, *, conservative: bool) -
         *([f"gravity {' '.join(f'{value:g}' for value in weight)}"] if any(weight) else ()),
         *(["gravcomp"] if compensated else ()),
         *options,
-        *_given(spec.geoms, blank.worldbody.add_geom(), _GEOM_CONTACT, "geoms"),
-        *_given(spec.pairs, blank.add_pair(), _PAIR_CONTACT, "pairs"),
+        *_differing(spec.geoms, blank.worldbody.add_geom(), _GEOM_CONTACT, "geoms"),
+        *_differing(spec.pairs, blank.add_pair(), _PAIR_CONTACT, "pairs"),
     ]
     if listed:
         yield (
@@ -225,14 +225,14 @@ def _left_out(scene: Any, spec: Any, files: ModelFiles, *, conservative: bool) -
         )
 
 
-def _given(elements: Any, default: Any, names: Iterable[str], noun: str) -> Iterator[str]:
+def _differing(elements: Any, default: Any, names: Iterable[str], noun: str) -> Iterator[str]:
     """Attributes that differ from MuJoCo's defaults in some element, as a phrase; none if there are none."""
 
-    def differs(each: Any, name: str) -> bool:  # a specification marks a number that its file does not give by NaN
-        return not np.array_equal(getattr(each, name), getattr(default, name), equal_nan=True)
+    def differs(element: Any, name: str) -> bool:  # a specification marks a number that its file does not give by NaN
+        return not np.array_equal(getattr(element, name), getattr(default, name), equal_nan=True)
 
-    if found := [name for name in names if any(differs(each, name) for each in elements)]:
-        yield f"{', '.join(found)} of {noun}"
+    if differing := [name for name in names if any(differs(element, name) for element in elements)]:
+        yield f"{', '.join(differing)} of {noun}"
 
 
 def compile_system(
@@ -272,7 +272,7 @@ def compile_system(
         model = _compile_scene(scene, files, vfs)
     model.actuator_actearly[:] = 0  # a force follows from the activation of the same instant, which stages integrate
     smooth_controllers(model)
-    changes = tuple(change for each in parts if each.overridden for change in each.overridden.read_back(model))
+    changes = tuple(change for changed in parts if changed.overridden for change in changed.overridden.read_back(model))
     dampers_to_targets(model)
     places = Places(scene, files)
     faults += places.sentences(conservation_faults(model))
@@ -284,24 +284,24 @@ def compile_system(
     if conservative and faults:
         raise InputError([f"{fault}, or write 'conservative: false' in the scenario" for fault in faults])
     grasped = grasp.tree if grasp is not None else ""
-    trees = [_tree(model, name, each.place) for name, each in files.items() if each.pose is None and name != grasped]
-    notes = dict.fromkeys(note for each in parts for note in each.notes)  # models of one file have the same
+    trees = [_tree(model, name, file.place) for name, file in files.items() if file.pose is None and name != grasped]
+    notes = dict.fromkeys(note for part in parts for note in part.notes)  # models of one file have the same
     return System(
         mj=model,
         robot=trees[0],
         objects=tuple(trees[1:]),
-        fixed=tuple(_fixed_model(model, name) for name, each in files.items() if each.pose is not None),
+        fixed=tuple(_fixed_model(model, name) for name, file in files.items() if file.pose is not None),
         files=files,
         faults=tuple(faults),
-        notes=(*notes, *warning_lines(warned, {name: each.place for name, each in files.items()})),
+        notes=(*notes, *warning_lines(warned, {name: file.place for name, file in files.items()})),
         joints={joint.name: joint for tree in trees for joint in tree.joints},
         changes=changes,
         grasp=grasp,
         grasped=_grasped(model, trees[0], grasp) if grasp is not None else None,
-        sensors={name: sensor for each in parts for name, sensor in each.sensors.items()} | added,
+        sensors={name: sensor for part in parts for name, sensor in part.sensors.items()} | added,
         effort_limits=limits,
         equalities=equalities,
-        actuator_delays_s={name: delay for each in parts for name, delay in each.delays_s.items()},
+        actuator_delays_s={name: delay for part in parts for name, delay in part.delays_s.items()},
     )
 
 
@@ -340,10 +340,10 @@ def _attach(
                 join(scene, spec, grasp)
             else:
                 scene.attach(spec, prefix=f"{name}/", frame=place(scene, name, model_files.pose))
-    parts[0].notes.extend(add_shared_elements(scene, files, lambda each: load_spec(each, vfs)))
+    parts[0].notes.extend(add_shared_elements(scene, files, lambda file: load_spec(file, vfs)))
     refused = Places(scene, files).sentences(scene_faults(scene, files))
     if not conservative:
-        refused += shared_vector_faults("gravity", {name: each for name, each in gravity.items() if any(each)}, files)
+        refused += shared_vector_faults("gravity", {name: vector for name, vector in gravity.items() if any(vector)}, files)
     if refused := [*refused, *shared_vector_faults("magnetic field", magnetic, files)]:
         raise InputError(refused)
     return parts, faults
@@ -372,9 +372,9 @@ def _tree(model: Any, name: str, place: str) -> Tree:
     bodies = [i for i in range(1, model.nbody) if model.body(i).name.startswith(f"{name}/")]
     roots = [i for i in bodies if model.body_parentid[i] == 0 and model.body_dofnum[model.body_rootid == i].sum() > 0]
     if len(roots) != 1:
-        found = ", ".join(model.body(i).name.split("/", 1)[1] for i in roots) or "none"
+        tops = ", ".join(model.body(i).name.split("/", 1)[1] for i in roots) or "none"
         raise InputError(
-            f"{place}: a model must be one tree of moving bodies below <worldbody>; found {len(roots)} ({found}). "
+            f"{place}: a model must be one tree of moving bodies below <worldbody>; found {len(roots)} ({tops}). "
             + (
                 "Give the root body a <freejoint/> or slide and hinge joints"
                 if not roots

@@ -54,33 +54,33 @@ def driven_joints(
         ScenarioFaults: A joint is unknown, does not belong to the robot, has no motor, or is driven by a servo.
     """
     motors = _motors(system)
-    key_given = names is not None
+    is_named = names is not None
     if names is None:
-        own = _independent(system, [joint.name for joint in _own_joints(system) if joint.name in motors])
-        names = [name for name in own if motors[name] not in reserved]
-        if own and not names:
+        independent = _independent(system, [joint.name for joint in _robot_joints(system) if joint.name in motors])
+        names = [name for name in independent if motors[name] not in reserved]
+        if independent and not names:
             raise ScenarioFaults([Fault("no joint is left to drive: other parts of the phase drive them all", (key,))])
     servos = joints_of_servos(system)
-    by_name = {joint.name: servos.get(joint.name, []) for joint in _own_joints(system)}
+    by_name = {joint.name: servos.get(joint.name, []) for joint in _robot_joints(system)}
     left = {name: ids for name, ids in by_name.items() if set(ids).difference(reserved)}
-    if not key_given and left:
+    if not is_named and left:
         or_name = f", or name the joints to drive ({key!r})" if names else ""
-        ids = [i for each in left.values() for i in each]
+        ids = [i for actuators in left.values() for i in actuators]
         raise ScenarioFaults([Fault(f"{needs_motors(system, ids)}{or_name}", (key,))])
-    found, faults = _named_joints(system, names, key)
-    for i, joint in enumerate(found):
+    named, faults = _named_joints(system, names, key)
+    for i, joint in enumerate(named):
         if joint is not None and joint.name in servos:
             faults.append(Fault(needs_motors(system, servos[joint.name]), (key, i)))
         elif joint is not None and joint.name not in motors:
             faults.append(Fault(unknown_name("motor-driven joint", names[i], motors), (key, i)))
-    faults += _following(system, [joint for joint in found if joint is not None], key) if not faults else []
-    if not names and key_given:
+    faults += _following(system, [joint for joint in named if joint is not None], key) if not faults else []
+    if not names and is_named:
         faults.append(Fault("must contain at least one joint, or be left out", (key,)))
     elif not names:
         faults.append(Fault("the robot has no motor-driven joint; add <motor joint=.../> to its MJCF", (key,)))
     if faults:
         raise ScenarioFaults(faults)
-    joints = [joint for joint in found if joint is not None]
+    joints = [joint for joint in named if joint is not None]
     return _driven(joints, [motors[joint.name] for joint in joints])
 
 
@@ -96,13 +96,13 @@ def servo_joints(
     """
     servos = joints_of_servos(system)
     if names is None:
-        motors, own = _motors(system), _own_joints(system)
-        of_servos = [joint for joint in own if set(servos.get(joint.name, ())).difference(reserved)]
-        others = [joint.name for joint in own if joint.name in motors and motors[joint.name] not in reserved]
+        motors, candidates = _motors(system), _robot_joints(system)
+        of_servos = [joint for joint in candidates if set(servos.get(joint.name, ())).difference(reserved)]
+        others = [joint.name for joint in candidates if joint.name in motors and motors[joint.name] not in reserved]
     else:
-        found = [joint for joint in _named_joints(system, names, key)[0] if joint is not None]
-        of_servos = [joint for joint in found if joint.name in servos]
-        others = [joint.name for joint in found if joint.name not in servos]
+        named = [joint for joint in _named_joints(system, names, key)[0] if joint is not None]
+        of_servos = [joint for joint in named if joint.name in servos]
+        others = [joint.name for joint in named if joint.name not in servos]
     if not of_servos:
         return None
     if others:
@@ -114,7 +114,7 @@ def servo_joints(
     return _driven(of_servos, sorted({i for joint in of_servos for i in servos[joint.name]}))
 
 
-def _own_joints(system: System) -> list[Joint]:
+def _robot_joints(system: System) -> list[Joint]:
     """Joints of the robot that are not of its base, nor of a grasped object."""
     base = range(system.robot.base_dofs.start, system.robot.base_dofs.stop)
     others = system.grasped.joints if system.grasped is not None and system.grasped is not system.robot else ()
@@ -133,15 +133,15 @@ def _driven(joints: Sequence[Joint], actuators: Sequence[int]) -> DrivenJoints:
 def _named_joints(system: System, names: Sequence[str], key: str) -> tuple[list[Joint | None], list[Fault]]:
     """Joints by name, None for those that are unknown, and a fault for each of these."""
     robot = [joint.name for joint in system.robot.joints]
-    found: list[Joint | None] = []
+    joints: list[Joint | None] = []
     faults = []
     for i, name in enumerate(names):
         try:
-            found.append(system.joint(name))
+            joints.append(system.joint(name))
         except LookupError:
-            found.append(None)
+            joints.append(None)
             faults.append(Fault(unknown_name("joint of the robot", name, robot), (key, i)))
-    return found, faults
+    return joints, faults
 
 
 def needs_motors(system: System, servos: Iterable[int]) -> str:
@@ -157,7 +157,7 @@ def needs_motors(system: System, servos: Iterable[int]) -> str:
 
 def joints_of_servos(system: System) -> dict[str, list[int]]:
     """Ids of the servos that move each hinge or slide joint of the robot, by joint name; those without inputs hold none."""
-    model, found = system.mj, dict[str, list[int]]()
+    model, by_joint = system.mj, dict[str, list[int]]()
     # A servo that acts from outside moves the base through them, and holds none.
     inputless = model.actuator_ctrllimited.astype(bool) & ~model.actuator_ctrlrange.any(axis=1)
     servos = sorted(set(np.flatnonzero(servo_mask(model) & ~inputless).tolist()) - set(external_servos(model)))
@@ -168,8 +168,8 @@ def joints_of_servos(system: System) -> dict[str, list[int]]:
         for joint in system.robot.joints:
             moving = [i for i in servos if moments[i, joint.dofs.start] != 0.0]
             if moving and joint.kind in ("hinge", "slide"):
-                found[joint.name] = moving
-    return found
+                by_joint[joint.name] = moving
+    return by_joint
 
 
 def _leader(system: System, name: str, names: Collection[str]) -> str:

@@ -53,9 +53,9 @@ def add_sites(spec: Any, sites: Iterable[AddedSite]) -> None:
     for site in sites:
         body = spec.body(site.body)
         if body is None or body.name == "world":
-            names = [each.name for each in spec.bodies[1:]]
+            names = [parent.name for parent in spec.bodies[1:]]
             faults.append(Fault(unknown_name("body", site.body, names), ("robot", "sites", site.name, "body")))
-        elif site.name in {each.name for each in spec.sites}:
+        elif site.name in {present.name for present in spec.sites}:
             faults.append(Fault("the model already has a site of this name; choose another", ("robot", "sites", site.name)))
         else:
             body.add_site(name=site.name, pos=site.pos_m)
@@ -92,13 +92,13 @@ def add_flex(spec: Any, flex: Mapping[str, JointFlex]) -> None:
         ScenarioFaults: A joint does not exist, is one of the base, is no hinge or slide, or is not the only one of its body.
     """
     faults = []
-    for name, given in flex.items():
+    for name, deflection in flex.items():
         joint = spec.joint(name)
         fault = _flex_fault(spec, name, joint)
         if fault:
             faults.append(Fault(fault, ("robot", "joint_flex", name)))
         else:
-            _make_flexible(joint, given)
+            _make_flexible(joint, deflection)
     if faults:
         raise ScenarioFaults(faults)
     if flex:
@@ -109,7 +109,7 @@ def add_flex(spec: Any, flex: Mapping[str, JointFlex]) -> None:
 def _flex_fault(spec: Any, name: str, joint: Any) -> str:
     """Why a joint cannot be made flexible; empty if it can."""
     if joint is None:
-        return unknown_name("joint", name, [each.name for each in spec.joints])
+        return unknown_name("joint", name, [candidate.name for candidate in spec.joints])
     if joint.parent.parent.name == "world":
         return "is a joint of the base, between the robot and the world"
     if joint.type not in _SCALAR:
@@ -153,8 +153,8 @@ def is_limited(element: Any) -> bool:
 
 def to_strip(words: Iterable[str] | None, limits: str | None) -> tuple[str, ...]:
     """Elements to remove from a model by the keys ``strip`` and ``limits`` of a scenario; None: not given."""
-    given = tuple(words or ())
-    return (*given, "limits") if limits == "ignore" and "limits" not in given else given
+    chosen = tuple(words or ())
+    return (*chosen, "limits") if limits == "ignore" and "limits" not in chosen else chosen
 
 
 def strip(spec: Any, what: Iterable[str]) -> list[str]:
@@ -184,7 +184,7 @@ def strip(spec: Any, what: Iterable[str]) -> list[str]:
             names = [body.name for body in spec.bodies if _clear_gravcomp(body)]
             removed += [f"gravcomp of {_counted('link', names)}"] if names else []
         elif word == "servos":
-            removed += _without_actuators(spec, [each for each in spec.actuators if not is_plain_motor(each)])
+            removed += _without_actuators(spec, [actuator for actuator in spec.actuators if not is_plain_motor(actuator)])
         else:
             actuators = spec.actuators if word == "damping" else ()
             for noun, elements in (("joint", spec.joints), ("tendon", spec.tendons), ("actuator", actuators)):
@@ -221,9 +221,13 @@ def _without_tendons(spec: Any) -> list[str]:
     tendons = list(spec.tendons)
     names = {tendon.name for tendon in tendons}
     removed = _without_sensors_of(spec, mujoco.mjtObj.mjOBJ_TENDON, names)
-    pulling = [each for each in spec.actuators if each.trntype == mujoco.mjtTrn.mjTRN_TENDON and each.target in names]
+    pulling = [
+        actuator
+        for actuator in spec.actuators
+        if actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON and actuator.target in names
+    ]
     removed += _without_actuators(spec, pulling)
-    equalities = [each for each in spec.equalities if each.type == mujoco.mjtEq.mjEQ_TENDON]
+    equalities = [equality for equality in spec.equalities if equality.type == mujoco.mjtEq.mjEQ_TENDON]
     return removed + _deleted(spec, "equality constraint", equalities) + _deleted(spec, "tendon", tendons)
 
 
@@ -236,7 +240,9 @@ def _without_actuators(spec: Any, actuators: list[Any]) -> list[str]:
 def _without_sensors_of(spec: Any, kind: Any, names: set[str]) -> list[str]:
     gone = {(int(kind), name) for name in names}
     needing = [
-        each for each in spec.sensors if {(int(each.objtype), each.objname), (int(each.reftype), each.refname)} & gone
+        candidate
+        for candidate in spec.sensors
+        if {(int(candidate.objtype), candidate.objname), (int(candidate.reftype), candidate.refname)} & gone
     ]
     return _deleted(spec, "sensor", needing)
 
@@ -277,8 +283,8 @@ def make_motors(spec: Any, names: Iterable[str]) -> None:
 
     ``ctrlrange`` goes: that of a servo is of its setpoint.
     """
-    for each in spec.actuators:
-        if each.name in names and not is_plain_motor(each):
-            each.set_to_motor()
-            each.ctrllimited, each.actlimited = mujoco.mjtLimited.mjLIMITED_FALSE, mujoco.mjtLimited.mjLIMITED_FALSE
-            each.inheritrange, each.actdim, each.actearly, each.ctrlspec = 0.0, -1, False, 0
+    for actuator in spec.actuators:
+        if actuator.name in names and not is_plain_motor(actuator):
+            actuator.set_to_motor()
+            actuator.ctrllimited, actuator.actlimited = mujoco.mjtLimited.mjLIMITED_FALSE, mujoco.mjtLimited.mjLIMITED_FALSE
+            actuator.inheritrange, actuator.actdim, actuator.actearly, actuator.ctrlspec = 0.0, -1, False, 0

@@ -59,13 +59,13 @@ def find_in_package(written: str, home: Path, folders: Sequence[Path], place: st
     for package in packages:
         if os.path.isfile(path := package.joinpath(*rest)):  # unlike Path.is_file, False for a name that is too long
             return path, package
-    found = (
+    reason = (
         f"no {'/'.join(rest)} in {', '.join(map(str, packages))}"
         if packages
         else f"no folder {name!r} above the model or in 'package_paths'"
     )
     raise InputError(
-        f"{place}: '{SCHEME}{written}': {found}; list the folder that contains it in 'package_paths', beside 'mjcf' "
+        f"{place}: '{SCHEME}{written}': {reason}; list the folder that contains it in 'package_paths', beside 'mjcf' "
         "in the scenario"
     )
 
@@ -121,7 +121,7 @@ def collect(main: str, shelf: Shelf) -> dict[str, bytes]:
     walk = _Walk(shelf)
     walk.model(main, main, "", (), _AttachSettings())
     walk.refuse_ambiguous()
-    return walk.found
+    return walk.contents
 
 
 @dataclass(frozen=True)
@@ -141,28 +141,28 @@ class _AttachSettings:
 
 class _Walk:
     def __init__(self, shelf: Shelf) -> None:
-        self._shelf, self.found = shelf, dict[str, bytes]()
-        self._found_by_base_name: dict[str, str] = {}
+        self._shelf, self.contents = shelf, dict[str, bytes]()
+        self._places_by_name: dict[str, str] = {}
         self._elements = self._pixels = 0.0
 
-    def model(self, name: str, written: str, place: str, chain: tuple[str, ...], given: _AttachSettings) -> None:
+    def model(self, name: str, written: str, place: str, chain: tuple[str, ...], attached: _AttachSettings) -> None:
         """Collect a model and everything that it attaches, each with its own settings."""
         home = posixpath.dirname(name)
-        whole = self._elements_of(name, written, place, home, chain, given.by_base_name)
-        strip = given.strip or (strips_folders(whole) and (not chain or is_urdf(whole)))
-        copies = given.copies * max(element.copies for element in whole)
+        whole = self._elements_of(name, written, place, home, chain, attached.by_base_name)
+        strip = attached.strip or (strips_folders(whole) and (not chain or is_urdf(whole)))
+        copies = attached.copies * max(element.copies for element in whole)
         for element in whole:
-            self._count(element.place, element.copies * given.copies, pixels(element.tag, element.attributes))
+            self._count(element.place, element.copies * attached.copies, pixels(element.tag, element.attributes))
         for element in whole if not is_urdf(whole) else ():
             inner = element.attributes.get("file")
             if element.tag == "model" and inner:
                 # MuJoCo searches for it beside the file that names it, and for its assets as if that were the first file.
-                settings = _AttachSettings(copies, strip, by_base_name=given.by_base_name or element.folder != home)
+                settings = _AttachSettings(copies, strip, by_base_name=attached.by_base_name or element.folder != home)
                 self.model(_joined(element.folder, inner), inner, element.place, (*chain, name), settings)
         for asset in assets(whole, strip=strip):
             packaged = asset.name.removeprefix(SCHEME) if is_urdf(whole) else asset.name
             package = (packaged, home) if packaged != asset.name else None
-            path, guessed = posixpath.join(asset.folder, packaged), strip or given.by_base_name
+            path, guessed = posixpath.join(asset.folder, packaged), strip or attached.by_base_name
             content = self._take(_joined(home, path), path, asset.place, package, by_base_name=guessed)
             if content.startswith(_LFS_POINTER):
                 raise InputError(
@@ -178,11 +178,11 @@ class _Walk:
         if name in chain or len(chain) > _MAX_DEPTH:
             raise InputError(f"{place}: {written!r} includes itself, or is nested more than {_MAX_DEPTH} files deep")
         content = self._take(name, written, place, by_base_name=by_base_name)
-        own = elements(content, self._shelf.label(name), posixpath.dirname(name))
-        if is_urdf(own):
-            return own
+        parsed = elements(content, self._shelf.label(name), posixpath.dirname(name))
+        if is_urdf(parsed):
+            return parsed
         filled: list[Element] = []
-        for element in own:
+        for element in parsed:
             inner = element.attributes.get("file")
             if element.tag != "include" or not inner:
                 filled.append(element)
@@ -192,7 +192,7 @@ class _Walk:
             if not self._shelf.has(path) and self._shelf.has(beside := _joined(posixpath.dirname(name), inner)):
                 path, guessed = beside, True
             included = self._elements_of(path, inner, element.place, home, (*chain, name), guessed)[1:]
-            filled += [replace(each, copies=each.copies * element.copies) for each in included]
+            filled += [replace(other, copies=other.copies * element.copies) for other in included]
         return filled
 
     def _count(self, place: str, elements: float, pixels: float) -> None:
@@ -207,22 +207,22 @@ class _Walk:
         self, name: str, written: str, place: str, package: tuple[str, str] | None = None, *, by_base_name: bool
     ) -> bytes:
         """Content of a file; if it does not exist, that of the file of a package, which is stored under this name."""
-        if name not in self.found:
+        if name not in self.contents:
             if posixpath.isabs(written) or any(c in written for c in ":\\") or not written.isprintable():
                 before = place or self._shelf.label(name)
                 raise InputError(f"{before}: {written!r} is not a path relative to the model with forward slashes")
             if package and not self._shelf.has(name):
-                self.found[name] = self._shelf.packaged(*package, place)
+                self.contents[name] = self._shelf.packaged(*package, place)
             else:
-                self.found[name] = self._shelf.take(name, place)
+                self.contents[name] = self._shelf.take(name, place)
         if by_base_name:
-            self._found_by_base_name[name] = place
-        return self.found[name]
+            self._places_by_name[name] = place
+        return self.contents[name]
 
     def refuse_ambiguous(self) -> None:
         """Refuse files with the same base name if MuJoCo searches for one of them by its base name only."""
-        for name, place in self._found_by_base_name.items():
-            others = [other for other in self.found if other != name and _base_of(other) == _base_of(name)]
+        for name, place in self._places_by_name.items():
+            others = [other for other in self.contents if other != name and _base_of(other) == _base_of(name)]
             if others:
                 raise InputError(f"{place}: {name} and {others[0]} have the same name; rename one of them")
 
@@ -299,8 +299,8 @@ class ModelFiles:
 
 def stored_with(model: str, models: Mapping[str, ModelFiles]) -> str:
     """Name of the model whose files in the log are also those of a model: the first one of the same file."""
-    own = models[model]
-    same = (name for name, each in models.items() if each.body and own.body and each.files == own.files)
+    stored = models[model]
+    same = (name for name, file in models.items() if file.body and stored.body and file.files == stored.files)
     return next(same, model)
 
 
@@ -318,7 +318,7 @@ def read_model(
     main: Path,
     folders: Sequence[Path] = (),
     packages: Sequence[Path] = (),
-    given: Mapping[str, bytes] = MappingProxyType({}),
+    contents: Mapping[str, bytes] = MappingProxyType({}),
 ) -> ModelFiles:
     """Read a model from disk.
 
@@ -328,15 +328,15 @@ def read_model(
         main: The MJCF or URDF file.
         folders: Folders, in addition to its own, from which the model may use files.
         packages: Folders in which to look for packages of a URDF, in addition to those above it.
-        given: Contents of files that are in memory, by names relative to the folder of the main one.
+        contents: Contents of files that are in memory, by names relative to the folder of the main one.
 
     Raises:
         InputError: A file is missing, malformed, outside these folders or too large, or the model has too many.
     """
     home = Path(os.path.abspath(main.parent))
-    shelf = _Disk(main.parent, [home, *folders], [Path(os.path.abspath(each)) for each in packages], given)
-    found = collect(main.name, shelf)
-    paths = {Path(os.path.normpath(home / name)): content for name, content in found.items()}
+    shelf = _Disk(main.parent, [home, *folders], [Path(os.path.abspath(package)) for package in packages], contents)
+    collected = collect(main.name, shelf)
+    paths = {Path(os.path.normpath(home / name)): content for name, content in collected.items()}
     root = Path(os.path.commonpath([path.parent for path in paths]))
     label = os.path.normpath(main.parent / os.path.relpath(root, home))
     return ModelFiles(
@@ -363,22 +363,22 @@ def logged_model(main: str, files: Mapping[str, bytes], label: str) -> ModelFile
 class _Disk(Shelf):
     """Files in memory, or else on disk, in permitted folders or in packages of a URDF, within the limits of one model."""
 
-    def __init__(self, home: Path, folders: Sequence[Path], packages: Sequence[Path], given: Mapping[str, bytes]) -> None:
+    def __init__(self, home: Path, folders: Sequence[Path], packages: Sequence[Path], contents: Mapping[str, bytes]) -> None:
         self._home, self._folders, self._packages = home, [folder.resolve() for folder in folders], packages
-        self._given = given
+        self._contents = contents
         self._count = self._bytes = 0
 
     def label(self, name: str) -> str:
         return os.path.normpath(self._home / name)
 
     def has(self, name: str) -> bool:
-        return name in self._given or os.path.isfile(
+        return name in self._contents or os.path.isfile(
             self.label(name)
         )  # unlike Path.is_file, False for a name that is too long
 
     def take(self, name: str, place: str) -> bytes:
-        if name in self._given:
-            return self._given[name]
+        if name in self._contents:
+            return self._contents[name]
         path = Path(self.label(name))
         if place:
             self._refuse_outside(path, self._folders, place)
@@ -453,7 +453,7 @@ def menagerie_file(name: str) -> Path:
         raise InputError(f"robots of MuJoCo Menagerie need the package mujoco-menagerie; install it: {command}") from error
     robot, _, entry = name.partition("/")
     try:
-        found = package.get(robot)
-        return Path(found.xml(entry or found.default_model)).absolute()
+        robot_package = package.get(robot)
+        return Path(robot_package.xml(entry or robot_package.default_model)).absolute()
     except (package.MenagerieError, OSError) as error:  # its messages name what is similar
         raise InputError(f"{name}: MuJoCo Menagerie: {' '.join(str(error).split())}") from error

@@ -96,7 +96,11 @@ def join(scene: Any, spec: Any, grasp: Grasp) -> None:
     """
     base = spec.body(grasp.root.partition("/")[2])
     gone = {joint.name for joint in base.joints}
-    for sensor in [each for each in spec.sensors if each.objtype == mujoco.mjtObj.mjOBJ_JOINT and each.objname in gone]:
+    for sensor in [
+        candidate
+        for candidate in spec.sensors
+        if candidate.objtype == mujoco.mjtObj.mjOBJ_JOINT and candidate.objname in gone
+    ]:
         spec.delete(sensor)
     for joint in base.joints:
         spec.delete(joint)

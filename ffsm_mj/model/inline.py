@@ -47,20 +47,20 @@ class InlineModel:
         }
 
 
-def inline_model(given: Any) -> Any:
+def inline_model(model: Any) -> Any:
     """A model given as a ``mujoco.MjSpec`` or as text, as it is kept; anything else is returned unchanged.
 
     Args:
-        given: A text whose first character, except for spaces, is ``<``; a specification; a path.
+        model: A text whose first character, except for spaces, is ``<``; a specification; a path.
 
     Raises:
         InputError: MuJoCo cannot compile the specification, or it uses a file that is not found.
     """
-    if isinstance(given, mujoco.MjSpec):
-        return _of_spec(given)
-    if isinstance(given, str) and given.lstrip("\ufeff \t\r\n").startswith("<"):
-        return InlineModel(given)
-    return str(given) if isinstance(given, Path) else given
+    if isinstance(model, mujoco.MjSpec):
+        return _of_spec(model)
+    if isinstance(model, str) and model.lstrip("\ufeff \t\r\n").startswith("<"):
+        return InlineModel(model)
+    return str(model) if isinstance(model, Path) else model
 
 
 def _of_spec(spec: Any) -> InlineModel:

@@ -35,13 +35,13 @@ def signature_inputs(gaintype: Any, signature: int) -> tuple[str, ...]:
     return tuple(token for token, bit in _TOKENS if (int(signature) or _DEFAULT[kind]) & bit)
 
 
-def taken_inputs(spec: Any) -> Iterator[tuple[str, str, str]]:
+def ambiguous_inputs(spec: Any) -> Iterator[tuple[str, str, str]]:
     """Controllers of a specification one of whose further inputs has the name of an actuator: kind, name, and what."""
-    names = {each.name for each in spec.actuators}
-    for each in spec.actuators:
-        for token in signature_inputs(each.gaintype, each.ctrlspec)[1:]:
-            if (name := f"{each.name}.{token}") in names:
-                yield "actuator", each.name, f" has an input {name!r}, and so is another actuator called; rename it"
+    names = {one.name for one in spec.actuators}
+    for one in spec.actuators:
+        for token in signature_inputs(one.gaintype, one.ctrlspec)[1:]:
+            if (name := f"{one.name}.{token}") in names:
+                yield "actuator", one.name, f" has an input {name!r}, and so is another actuator called; rename it"
 
 
 def separate_inputs(spec: Any) -> dict[str, str]:
@@ -53,13 +53,13 @@ def separate_inputs(spec: Any) -> dict[str, str]:
         Name of the controller of each actuator that was added, by its name.
     """
     added = {}
-    for each in list(spec.actuators):
-        first, *further = signature_inputs(each.gaintype, each.ctrlspec) or ("",)
-        if each.gaintype == _GAIN.mjGAIN_DCMOTOR and each.ctrlspec == _NONE:
-            each.ctrlspec, each.ctrllimited = _VOLTAGE, mujoco.mjtLimited.mjLIMITED_TRUE
-            each.ctrlrange = [0.0, NO_VOLTAGE]
+    for actuator in list(spec.actuators):
+        first, *further = signature_inputs(actuator.gaintype, actuator.ctrlspec) or ("",)
+        if actuator.gaintype == _GAIN.mjGAIN_DCMOTOR and actuator.ctrlspec == _NONE:
+            actuator.ctrlspec, actuator.ctrllimited = _VOLTAGE, mujoco.mjtLimited.mjLIMITED_TRUE
+            actuator.ctrlrange = [0.0, NO_VOLTAGE]
         if first and further:
-            servo = _moved_to_end(spec, each)
+            servo = _moved_to_end(spec, actuator)
             for token in further:
                 place = spec.add_actuator(name=f"{servo.name}.{token}")
                 place.set_to_dcmotor(motorconst=[0.0, 0.0], resistance=1.0, ctrlspec=_NONE)

@@ -27,14 +27,14 @@ _IDLE = ("Attaching a spec with an empty prefix", "Child model has pending keyfr
 which settings of attached models matter."""
 
 
-class _Here(local):
+class _ThreadCollectors(local):
     """Collectors of a thread, innermost last."""
 
     def __init__(self) -> None:
         self.collectors: list[list[str]] = []
 
 
-_HERE = _Here()
+_THREAD = _ThreadCollectors()
 
 
 class _Handler:
@@ -60,8 +60,8 @@ class _Handler:
                 mujoco.set_mju_user_warning(self._before)
 
     def handle(self, message: str) -> None:
-        if _HERE.collectors:
-            _HERE.collectors[-1].append(message)
+        if _THREAD.collectors:
+            _THREAD.collectors[-1].append(message)
         elif self._before is not None:
             self._before(message)
         else:  # as MuJoCo without a handler
@@ -84,18 +84,18 @@ def handled_warnings() -> Iterator[None]:
 
 def collectors() -> list[list[str]]:
     """Collectors of this thread, the innermost last: the one that MuJoCo's warnings of this thread are appended to."""
-    return _HERE.collectors
+    return _THREAD.collectors
 
 
 @contextmanager
 def collecting(messages: list[str]) -> Iterator[None]:
     """Append MuJoCo's warnings of this thread to ``messages``, while the handler is installed."""
-    here = collectors()
-    here.append(messages)
+    lists = collectors()
+    lists.append(messages)
     try:
         yield
     finally:
-        here.pop()
+        lists.pop()
 
 
 @contextmanager

@@ -44,23 +44,23 @@ def keep_body(spec: Any, body: str, place: str) -> None:
     Raises:
         InputError: No moving tree has a root of this name.
     """
-    roots = {each.name: each for each in moving_roots(spec)}
+    roots = {top.name: top for top in moving_roots(spec)}
     if body != REST and body not in roots:
         raise InputError(f"{place}: {unknown_name('root of a moving tree', body, list(roots))}")
-    for each in list(spec.keys):  # numbers of all joints
-        spec.delete(each)
+    for key in list(spec.keys):  # numbers of all joints
+        spec.delete(key)
     if body == REST:
         for root in roots.values():
             spec.delete(root)
-        for each in spec.bodies:
-            each.mocap = False  # nothing moves it here
+        for candidate in spec.bodies:
+            candidate.mocap = False  # nothing moves it here
     else:
         world = spec.worldbody
-        rest = [each for each in world.bodies if each.name != body]
-        for each in (*rest, *world.geoms, *world.sites, *world.cameras, *world.lights):
-            spec.delete(each)
+        rest = [child for child in world.bodies if child.name != body]
+        for child in (*rest, *world.geoms, *world.sites, *world.cameras, *world.lights):
+            spec.delete(child)
     if body != next(iter(roots), REST):  # sensors of the whole scene, such as a clock, are those of the first model
-        for sensor in [each for each in spec.sensors if not each.objname]:
+        for sensor in [candidate for candidate in spec.sensors if not candidate.objname]:
             spec.delete(sensor)
     _delete_what_misses_a_part(spec)
     _delete_unused_assets(spec)
@@ -69,22 +69,26 @@ def keep_body(spec: Any, body: str, place: str) -> None:
 def _delete_what_misses_a_part(spec: Any) -> None:
     """Delete elements that name geoms, sites and bodies that are gone; with a body MuJoCo deletes only what names it."""
     has = {
-        int(kind): {each.name for each in elements}
+        int(kind): {element.name for element in elements}
         for kind, elements in ((_GEOM, spec.geoms), (_SITE, spec.sites), (_BODY, spec.bodies))
     }
 
     def misses(*ends: tuple[Any, str]) -> bool:
         return any(name and name not in has.get(int(kind), {name}) for kind, name in ends)
 
-    gone = [each for each in spec.pairs if misses((_GEOM, each.geomname1), (_GEOM, each.geomname2))]
-    gone += [each for each in spec.sensors if misses((each.objtype, each.objname), (each.reftype, each.refname))]
-    gone += [each for each in spec.equalities if misses((each.objtype, each.name1), (each.objtype, each.name2))]
-    gone += [each for each in spec.lights if misses((_BODY, each.targetbody))]
-    gone += [each for each in spec.tendons if any(_misses_target(wrap) for wrap in each.path)]
-    on_sites = [each for each in spec.actuators if each.trntype == mujoco.mjtTrn.mjTRN_SITE]
-    gone += [each for each in on_sites if misses((_SITE, each.target), (_SITE, each.refsite))]
-    for each in gone:
-        spec.delete(each)
+    gone = [pair for pair in spec.pairs if misses((_GEOM, pair.geomname1), (_GEOM, pair.geomname2))]
+    gone += [sensor for sensor in spec.sensors if misses((sensor.objtype, sensor.objname), (sensor.reftype, sensor.refname))]
+    gone += [
+        equality
+        for equality in spec.equalities
+        if misses((equality.objtype, equality.name1), (equality.objtype, equality.name2))
+    ]
+    gone += [light for light in spec.lights if misses((_BODY, light.targetbody))]
+    gone += [tendon for tendon in spec.tendons if any(_misses_target(wrap) for wrap in tendon.path)]
+    on_sites = [actuator for actuator in spec.actuators if actuator.trntype == mujoco.mjtTrn.mjTRN_SITE]
+    gone += [actuator for actuator in on_sites if misses((_SITE, actuator.target), (_SITE, actuator.refsite))]
+    for orphan in gone:
+        spec.delete(orphan)
     for camera in spec.cameras:
         if misses((_BODY, camera.targetbody)):  # it stays as a frame
             camera.mode, camera.targetbody = mujoco.mjtCamLight.mjCAMLIGHT_FIXED, ""
@@ -96,8 +100,8 @@ def _misses_target(wrap: Any) -> bool:
 
 def _delete_unused_assets(spec: Any) -> None:
     """Delete meshes that no geom or site has left, which every model of the file would compile again."""
-    used = {each.meshname for each in (*spec.geoms, *spec.sites)}
-    for mesh in [each for each in spec.meshes if each.name not in used]:
+    used = {user.meshname for user in (*spec.geoms, *spec.sites)}
+    for mesh in [candidate for candidate in spec.meshes if candidate.name not in used]:
         spec.delete(mesh)
 
 
@@ -117,9 +121,9 @@ def add_shared_elements(scene: Any, files: Mapping[str, ModelFiles], load: Any) 
     """
     notes: list[str] = []
     groups: dict[bytes, dict[str, str]] = {}
-    for name, each in files.items():
-        if each.body:
-            groups.setdefault(each.files[each.main], {})[each.body] = name
+    for name, file in files.items():
+        if file.body:
+            groups.setdefault(file.files[file.main], {})[file.body] = name
     for models in groups.values():
         if len(models) > 1:
             first = files[next(iter(models.values()))]
@@ -132,7 +136,7 @@ class _Shared:
 
     def __init__(self, scene: Any, whole: Any, models: Mapping[str, str], place: str) -> None:
         self._scene, self._whole, self._place = scene, whole, place
-        roots = {each.name for each in moving_roots(whole)}
+        roots = {root.name for root in moving_roots(whole)}
         self._of_body: dict[str, str | None] = {"world": models.get(REST)}
         for body in whole.worldbody.bodies:
             owner = models.get(body.name if body.name in roots else REST)
@@ -158,23 +162,25 @@ class _Shared:
             InputError: See :func:`add_shared_elements`.
         """
         whole, scene = self._whole, self._scene
-        for each in whole.excludes:
-            if names := self._between(_BODY, each.bodyname1, each.bodyname2):
+        for exclude in whole.excludes:
+            if names := self._between(_BODY, exclude.bodyname1, exclude.bodyname2):
                 scene.add_exclude(bodyname1=names[0], bodyname2=names[1])
-        for each in whole.pairs:
-            if names := self._between(_GEOM, each.geomname1, each.geomname2):
+        for pair in whole.pairs:
+            if names := self._between(_GEOM, pair.geomname1, pair.geomname2):
                 scene.add_pair(geomname1=names[0], geomname2=names[1])
-        for each in whole.equalities:
-            kind = _JOINT if each.type == mujoco.mjtEq.mjEQ_JOINT else each.objtype
-            if each.name2 and (names := self._between(kind, each.name1, each.name2)):
-                added = scene.add_equality(name=f"{names[0].partition('/')[0]}/{each.name}", name1=names[0], name2=names[1])
+        for equality in whole.equalities:
+            kind = _JOINT if equality.type == mujoco.mjtEq.mjEQ_JOINT else equality.objtype
+            if equality.name2 and (names := self._between(kind, equality.name1, equality.name2)):
+                added = scene.add_equality(
+                    name=f"{names[0].partition('/')[0]}/{equality.name}", name1=names[0], name2=names[1]
+                )
                 for attribute in _COPIED:
-                    setattr(added, attribute, getattr(each, attribute))
+                    setattr(added, attribute, getattr(equality, attribute))
         self._refuse_drives()
         return [
-            f"{self._place}: left out: sensor {each.name!r}, which is of two models"
-            for each in whole.sensors
-            if each.objname and each.refname and self._differ((each.objtype, each.objname), (each.reftype, each.refname))
+            f"{self._place}: left out: sensor {one.name!r}, which is of two models"
+            for one in whole.sensors
+            if one.objname and one.refname and self._differ((one.objtype, one.objname), (one.reftype, one.refname))
         ]
 
     def _differ(self, *ends: tuple[Any, str]) -> bool:
@@ -193,10 +199,10 @@ class _Shared:
             bodies = {self._of_body.get(target.parent.name) for target in targets}
             if len(bodies - {None}) > 1:
                 faults.append(f"{self._place}: tendon {tendon.name!r} joins two models, which is not supported; remove it")
-        for each in self._whole.actuators:
-            ends = [(_SITE, name) for name in (each.target, each.refsite) if name]
-            if each.trntype == mujoco.mjtTrn.mjTRN_SITE and self._differ(*ends):
-                faults.append(f"{self._place}: actuator {each.name!r} acts on two models, which is not supported; remove it")
+        for one in self._whole.actuators:
+            ends = [(_SITE, name) for name in (one.target, one.refsite) if name]
+            if one.trntype == mujoco.mjtTrn.mjTRN_SITE and self._differ(*ends):
+                faults.append(f"{self._place}: actuator {one.name!r} acts on two models, which is not supported; remove it")
         if faults:
             raise InputError(faults)
 

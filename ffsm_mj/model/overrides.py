@@ -75,12 +75,12 @@ class ModelOverrides:
         Raises:
             ScenarioFaults: A value differs from the given one, or the inertial of another body has changed.
         """
-        faults, found = [], []
+        faults, changes = [], []
         for path, change in self.changes.items():
             value = property_value(model, path)
             if not _equal(value, change.after):
                 faults.append(Fault(f"MuJoCo compiles it to {value_text(value)}, not {value_text(change.after)}", path))
-            found.append(PropertyChange(path, change.before, value))
+            changes.append(PropertyChange(path, change.before, value))
         # An option of the compiler can change bodies without a given property too, e.g. boundmass.
         for body, inertial in self.inertials.items() if not faults else ():
             compiled = Inertial.of(model, model.body(f"{self.name}/{body}").id)
@@ -88,7 +88,7 @@ class ModelOverrides:
                 faults.append(Fault(f"the mass or inertia of body {body!r} would change too", (self.key, self.name)))
         if faults:
             raise ScenarioFaults(faults)
-        return tuple(found)
+        return tuple(changes)
 
 
 def override(spec: Any, name: str, files: ModelFiles, vfs: Any) -> ModelOverrides:
@@ -104,9 +104,9 @@ def override(spec: Any, name: str, files: ModelFiles, vfs: Any) -> ModelOverride
         InputError: The model does not compile alone.
         ScenarioFaults: A body, geom or joint does not exist, or cannot have the property.
     """
-    own = compiled_alone(files, vfs)
-    done = ModelOverrides(name, files.overrides[-1].key, own.warnings)
-    compiled, alone = own.mj, spec_alone(files, vfs) if _compiles_again(files) else None
+    system = compiled_alone(files, vfs)
+    done = ModelOverrides(name, files.overrides[-1].key, system.warnings)
+    compiled, alone = system.mj, spec_alone(files, vfs) if _compiles_again(files) else None
     if files.pose is None:
         done.inertials |= {body.name: Inertial.of(compiled, compiled.body(body.name).id) for body in spec.bodies[1:]}
     for layer in files.overrides:
@@ -133,24 +133,24 @@ def _compiles_again(files: ModelFiles) -> bool:
 def _resize(spec: Any, alone: Any, compiled: Any, layer: Overrides, done: ModelOverrides) -> None:
     """Set the sizes of geoms."""
     for body, asked in layer.bodies.items():
-        for name, given in asked.geoms.items():
+        for name, size in asked.geoms.items():
             done.add(
                 (layer.key, done.name, body, "geoms", name, "size_m"),
                 geom_size(compiled, compiled.geom(name).id),
-                given.size_m,
+                size.size_m,
             )
-            for each in (spec, alone):
-                if each is not None:
-                    _put_size(each.geom(name), given.size_m)
+            for target in (spec, alone):
+                if target is not None:
+                    _put_size(target.geom(name), size.size_m)
 
 
 def _set_friction(spec: Any, compiled: Any, layer: Overrides, done: ModelOverrides) -> None:
     """Set the dry friction of joints."""
     for body, asked in layer.bodies.items():
-        for name, given in asked.joints.items():
+        for name, joint in asked.joints.items():
             before = joint_friction(compiled, compiled.joint(name).id)
-            done.add((layer.key, done.name, body, "joints", name, "frictionloss"), before, given.frictionloss)
-            spec.joint(name).frictionloss = given.frictionloss
+            done.add((layer.key, done.name, body, "joints", name, "frictionloss"), before, joint.frictionloss)
+            spec.joint(name).frictionloss = joint.frictionloss
 
 
 def _put_size(geom: Any, size: tuple[float, ...]) -> None:
@@ -173,10 +173,10 @@ def _set_inertials(alone: Any, layer: Overrides, done: ModelOverrides, vfs: Any)
         done.inertials |= _of_geoms(alone, of_geoms, (layer.key, done.name), vfs)
     for body, asked in layer.bodies.items():
         if asked.sets_inertial:
-            own, path = done.inertials[body], (layer.key, done.name, body)
-            if not own.mass_kg > 0.0 and not (asked.mass_kg and asked.inertia_kg_m2):
+            present, path = done.inertials[body], (layer.key, done.name, body)
+            if not present.mass_kg > 0.0 and not (asked.mass_kg and asked.inertia_kg_m2):
                 raise ScenarioFaults([Fault(_NO_MASS, path)])
-            now = done.inertials[body] = own.changed(asked.mass_kg, asked.inertia_kg_m2, asked.centre_of_mass_m)
+            now = done.inertials[body] = present.changed(asked.mass_kg, asked.inertia_kg_m2, asked.centre_of_mass_m)
             for key in INERTIAL:
                 if key in asked.inertial_keys:
                     done.add((*path, key), inertial_value(before[body], key), inertial_value(now, key))
@@ -225,10 +225,10 @@ def _faults(
                 (key,),
             )
     geoms = [geom.name for geom in body.geoms]
-    for geom, given in asked.geoms.items():
+    for geom, geom_override in asked.geoms.items():
         if geom not in geoms:
             yield unknown_name("geom of the body", geom, geoms), ("geoms", geom)
-        elif fault := _fault_of_size(spec.geom(geom), given.size_m):
+        elif fault := _fault_of_size(spec.geom(geom), geom_override.size_m):
             yield fault, ("geoms", geom, "size_m")
     joints = [joint.name for joint in body.joints]
     for joint in asked.joints:

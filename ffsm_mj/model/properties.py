@@ -39,7 +39,7 @@ class Inertial:
     def of(cls, model: Any, body: int) -> Inertial:
         """Inertial of a body of a compiled model, as a copy."""
         numbers = (model.body_ipos[body], model.body_inertia[body], model.body_iquat[body])
-        return cls(float(model.body_mass[body]), *(each.copy() for each in numbers))
+        return cls(float(model.body_mass[body]), *(moment.copy() for moment in numbers))
 
     @property
     def inertia_kg_m2(self) -> FloatArray:
@@ -111,7 +111,7 @@ def _without_excess(moments: FloatArray) -> FloatArray:
 
 
 def _listed(moments: FloatArray) -> str:
-    return ", ".join(f"{each:.6g}" for each in moments)
+    return ", ".join(f"{moment:.6g}" for moment in moments)
 
 
 MOST_MASS = 1e20
@@ -271,7 +271,7 @@ def _index(model: Any, kind: str, tree: str, name: str) -> int:
     names = [getattr(model, kind)(i).name for i in range(count)]
     full = f"{tree}/{name}"
     if full not in names:
-        raise LookupError(unknown_name(kind, full, [each for each in names if "/" in each]))
+        raise LookupError(unknown_name(kind, full, [candidate for candidate in names if "/" in candidate]))
     return names.index(full)
 
 
@@ -300,4 +300,4 @@ def kind_of_geom(code: int) -> str:
 
 def value_text(value: Value) -> str:
     """A value as text."""
-    return f"{value:g}" if isinstance(value, float) else f"[{', '.join(f'{each:g}' for each in value)}]"
+    return f"{value:g}" if isinstance(value, float) else f"[{', '.join(f'{number:g}' for number in value)}]"

@@ -123,25 +123,25 @@ def take_timing(spec: Any) -> Timing:
     """
     sensors, unbuffered, delays = dict[str, ModelSensor](), set[str](), dict[str, float]()
     interpolated = [
-        f"{kind} {each.name!r}"
+        f"{kind} {element.name!r}"
         for kind, listed in (("sensor", spec.sensors), ("actuator", spec.actuators))
-        for each in listed
-        if each.interp and each.nsample
+        for element in listed
+        if element.interp and element.nsample
     ]
-    for each in spec.sensors:
-        every, phase = map(float, each.interval)
-        type_name = mujoco.mjtSensor(each.type).name.removeprefix("mjSENS_").lower()
+    for sensor in spec.sensors:
+        every, phase = map(float, sensor.interval)
+        type_name = mujoco.mjtSensor(sensor.type).name.removeprefix("mjSENS_").lower()
         kind, first = _ELEMENTS.get(type_name, type_name), phase % every if every > 0.0 else 0.0
-        unit = unit_of_sensor(spec, kind, each.objname) if kind in _UNITS else ""
-        numbers = float(each.noise), float(each.cutoff), every, first, float(each.delay)
-        sensors[each.name] = ModelSensor(each.name, kind, unit, *numbers)
-        if (every or each.delay) and not each.nsample:
-            unbuffered.add(each.name)
-        each.interval, each.delay, each.nsample, each.cutoff = [0.0, 0.0], 0.0, 0, 0.0
-    for each in spec.actuators:
-        if each.delay > 0.0:
-            delays[each.name] = float(each.delay)
-        each.delay, each.nsample = 0.0, 0
+        unit = unit_of_sensor(spec, kind, sensor.objname) if kind in _UNITS else ""
+        numbers = float(sensor.noise), float(sensor.cutoff), every, first, float(sensor.delay)
+        sensors[sensor.name] = ModelSensor(sensor.name, kind, unit, *numbers)
+        if (every or sensor.delay) and not sensor.nsample:
+            unbuffered.add(sensor.name)
+        sensor.interval, sensor.delay, sensor.nsample, sensor.cutoff = [0.0, 0.0], 0.0, 0, 0.0
+    for actuator in spec.actuators:
+        if actuator.delay > 0.0:
+            delays[actuator.name] = float(actuator.delay)
+        actuator.delay, actuator.nsample = 0.0, 0
     return Timing(sensors, unbuffered, delays, tuple(interpolated))
 
 
@@ -157,19 +157,19 @@ def sensors_of_model(spec: Any, model: str, files: ModelFiles, timing: Timing) -
     Raises:
         InputError: A sensor of a kind that cannot be measured.
     """
-    found, notes, faults = dict[str, ModelSensor](), list[str](), list[str]()
+    by_name, notes, faults = dict[str, ModelSensor](), list[str](), list[str]()
     for sensor in spec.sensors:
-        own, name = timing.sensors[sensor.name], f"{model}/{sensor.name}"
-        found[name] = replace(own, name=name)
-        if own.kind not in _UNITS:
+        timed, name = timing.sensors[sensor.name], f"{model}/{sensor.name}"
+        by_name[name] = replace(timed, name=name)
+        if timed.kind not in _UNITS:
             faults.append(
-                f"{_place(files, own.kind, sensor)}: sensor {sensor.name!r} is a <{own.kind}>, which cannot be measured; "
-                f"remove it, or use 'strip: [sensors]'; known are {', '.join(_UNITS)}"
+                f"{_place(files, timed.kind, sensor)}: sensor {sensor.name!r} is a <{timed.kind}>, which cannot be "
+                f"measured; remove it, or use 'strip: [sensors]'; known are {', '.join(_UNITS)}"
             )
-        elif own.kind == "rangefinder" and (what := _of_an_image(sensor)):
+        elif timed.kind == "rangefinder" and (what := _of_an_image(sensor)):
             faults.append(
-                f"{_place(files, own.kind, sensor)}: rangefinder {sensor.name!r} has {what}: only the distance from a site "
-                "is measured; remove it, or use 'strip: [sensors]'"
+                f"{_place(files, timed.kind, sensor)}: rangefinder {sensor.name!r} has {what}: only the distance from a "
+                "site is measured; remove it, or use 'strip: [sensors]'"
             )
     if faults:
         raise InputError(faults)
@@ -178,7 +178,7 @@ def sensors_of_model(spec: Any, model: str, files: ModelFiles, timing: Timing) -
             f"interval and delay of {'sensor' if len(without) == 1 else 'sensors'} {', '.join(without)} are used, although "
             "MuJoCo ignores or refuses them without nsample"
         )
-    return found, notes
+    return by_name, notes
 
 
 def _of_an_image(rangefinder: Any) -> str:
@@ -190,10 +190,14 @@ def _of_an_image(rangefinder: Any) -> str:
 
 def _place(files: ModelFiles, kind: str, sensor: Any) -> str:
     """``file:line`` of a sensor, in an included file too; the main file if it is not found."""
-    found = [each for each in files.elements() if each.tag == kind and "sensor" in each.parents]
-    named = [each for each in found if each.attributes.get("name") == sensor.name]
-    unnamed = [each for each in found if "name" not in each.attributes and sensor.objname in ("", *each.attributes.values())]
-    return (*(each.place for each in (*named, *unnamed)), files.place)[0]
+    candidates = [element for element in files.elements() if element.tag == kind and "sensor" in element.parents]
+    named = [element for element in candidates if element.attributes.get("name") == sensor.name]
+    unnamed = [
+        element
+        for element in candidates
+        if "name" not in element.attributes and sensor.objname in ("", *element.attributes.values())
+    ]
+    return (*(element.place for element in (*named, *unnamed)), files.place)[0]
 
 
 def unit_of_sensor(spec: Any, kind: str, element: str) -> str:
@@ -206,7 +210,7 @@ def unit_of_sensor(spec: Any, kind: str, element: str) -> str:
         # The length of a fixed tendon of hinges alone is an angle, every other one a length.
         tendon = spec.tendon(element)
         path = tendon.path if tendon is not None else ()
-        hinges = all(each.type == mujoco.mjtWrap.mjWRAP_JOINT and each.target.type == _HINGE for each in path)
+        hinges = all(wrap.type == mujoco.mjtWrap.mjWRAP_JOINT and wrap.target.type == _HINGE for wrap in path)
         return kinds[kind.removeprefix("tendon")][not hinges]
     return _UNITS[kind]
 
@@ -259,28 +263,28 @@ def add_sensors(scene: Any, sensors: Iterable[AddedSensor], *, grasped: bool = F
     Raises:
         ScenarioFaults: There is no such site, body or joint.
     """
-    found, faults = {}, []
+    added, faults = {}, []
     for sensor in sensors:
-        if any(each.name == sensor.name for each in scene.sensors):
+        if any(existing.name == sensor.name for existing in scene.sensors):
             faults.append(
                 Fault("is a sensor of a model already; choose another name, or leave out 'kind'", ("sensors", sensor.name))
             )
             continue
         try:
             measured = _element(scene, sensor, "of")
-            made = scene.add_sensor(name=sensor.name, type=getattr(mujoco.mjtSensor, f"mjSENS_{sensor.kind.upper()}"))
-            made.objtype, made.objname = measured
+            mj_sensor = scene.add_sensor(name=sensor.name, type=getattr(mujoco.mjtSensor, f"mjSENS_{sensor.kind.upper()}"))
+            mj_sensor.objtype, mj_sensor.objname = measured
             if sensor.relative_to:
-                made.reftype, made.refname = _element(scene, sensor, "relative_to")
-            name = made.objname
-            found[sensor.name] = ModelSensor(sensor.name, sensor.kind, unit_of_sensor(scene, sensor.kind, name))
+                mj_sensor.reftype, mj_sensor.refname = _element(scene, sensor, "relative_to")
+            name = mj_sensor.objname
+            added[sensor.name] = ModelSensor(sensor.name, sensor.kind, unit_of_sensor(scene, sensor.kind, name))
         except LookupError as error:
             if grasped and sensor.kind in _OF_JOINTS:
                 continue
             faults.append(Fault(str(error.args[0]), ("sensors", sensor.name, error.args[1])))
     if faults:
         raise ScenarioFaults(faults)
-    return found
+    return added
 
 
 def _element(scene: Any, sensor: AddedSensor, key: str) -> tuple[Any, str]:
@@ -294,7 +298,7 @@ def _element(scene: Any, sensor: AddedSensor, key: str) -> tuple[Any, str]:
     types = {"joint": mujoco.mjtObj.mjOBJ_JOINT, "site": mujoco.mjtObj.mjOBJ_SITE, "body": mujoco.mjtObj.mjOBJ_XBODY}
     known: list[str] = []
     for kind in kinds:
-        names = [each.name for each in {"joint": scene.joints, "site": scene.sites, "body": scene.bodies}[kind]]
+        names = [element.name for element in {"joint": scene.joints, "site": scene.sites, "body": scene.bodies}[kind]]
         matches = [full for full in names if name in (full, full.partition("/")[2])]
         if name in matches or len(matches) == 1:
             return types[kind], name if name in matches else matches[0]

@@ -13,10 +13,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_mj.model.audit import is_disabled
 from ffsm_mj.model.edits import is_limited
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.places import Places
+from ffsm_mj.model.unsupported import is_disabled
 from ffsm_mj.model.xml import Element, elements
 
 _PLANT_OPTIONS = ("gravity", "wind", "density", "viscosity", "magnetic", "actuatorgroupdisable")
@@ -35,7 +35,7 @@ _DISABLED: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
     ("damper", lambda spec: _any(spec.joints, "damping"), "remove the damping of the joints, or use 'strip: [damping]'"),
     (
         "frictionloss",
-        lambda spec: any(each.frictionloss for each in (*spec.joints, *spec.tendons)),
+        lambda spec: any(joint.frictionloss for joint in (*spec.joints, *spec.tendons)),
         "remove the frictionloss of joints and tendons, or use 'strip: [frictionloss]'",
     ),
     (
@@ -62,7 +62,7 @@ def setting_faults(spec: Any, files: ModelFiles) -> list[str]:
         written = flag if is_disabled(spec, flag) else "constraint" if constraints and flag in _OF_CONSTRAINT else ""
         if written and present(spec):
             faults.append(f'{_place(files, "flag", written)}: <flag {written}="disable"> has no effect in a scene; {advice}')
-    off = [each.name for each in spec.actuators if spec.option.disableactuator >> each.group & 1]
+    off = [actuator.name for actuator in spec.actuators if spec.option.disableactuator >> actuator.group & 1]
     if off:
         where = _place(files, "option", "actuatorgroupdisable")
         faults.append(
@@ -74,40 +74,40 @@ def setting_faults(spec: Any, files: ModelFiles) -> list[str]:
 def _merging(files: ModelFiles) -> Iterator[str]:
     """Options of attached files that MuJoCo would adopt; the specification does not say which of its options these are."""
     if any(files.elements("<attach")):
-        for each in files.elements("conflict"):
-            if each.tag == "compiler" and each.attributes.get("conflict") == "merge":
+        for element in files.elements("conflict"):
+            if element.tag == "compiler" and element.attributes.get("conflict") == "merge":
                 yield (
-                    f'{each.place}: <compiler conflict="merge"> would adopt options of attached files; remove it, and write '
-                    f"them in {files.place}"
+                    f'{element.place}: <compiler conflict="merge"> would adopt options of attached files; remove it, and '
+                    f"write them in {files.place}"
                 )
 
 
 def _deformable(files: ModelFiles) -> Iterator[str]:
     """Flexes, also rigid ones: their elastic and contact forces would be MuJoCo's."""
-    for each in files.elements():
-        if each.tag in ("flexcomp", "flex") and "equality" not in each.parents:
-            yield f"{each.place}: <{each.tag}>: deformable bodies are not modelled; remove it, or use a mesh geom"
+    for element in files.elements():
+        if element.tag in ("flexcomp", "flex") and "equality" not in element.parents:
+            yield f"{element.place}: <{element.tag}>: deformable bodies are not modelled; remove it, or use a mesh geom"
 
 
 def _any(listed: Any, name: str) -> bool:
-    return any(getattr(each, name).any() for each in listed)
+    return any(getattr(element, name).any() for element in listed)
 
 
 def outermost_faults(spec: Any, files: ModelFiles) -> Iterator[str]:
     """``settotalmass`` and ``fitaabb`` of any file of a model: MuJoCo applies those of the outermost model, the scene."""
     fitted = any(geom.meshname and geom.type != mujoco.mjtGeom.mjGEOM_MESH for geom in spec.geoms)
-    for each in files.elements("settotalmass", "fitaabb"):
-        if each.tag != "compiler":
+    for element in files.elements("settotalmass", "fitaabb"):
+        if element.tag != "compiler":
             continue
-        if not each.attributes.get("settotalmass", "-1").lstrip().startswith("-"):
-            mass = each.attributes["settotalmass"]
+        if not element.attributes.get("settotalmass", "-1").lstrip().startswith("-"):
+            mass = element.attributes["settotalmass"]
             yield (
-                f"{each.place}: <compiler settotalmass={mass!r}> would have no effect in a scene; "
+                f"{element.place}: <compiler settotalmass={mass!r}> would have no effect in a scene; "
                 "scale the masses and densities in the file, or give masses under 'model' in the scenario, and remove it"
             )
-        if fitted and each.attributes.get("fitaabb") == "true":
+        if fitted and element.attributes.get("fitaabb") == "true":
             yield (
-                f'{each.place}: <compiler fitaabb="true"> would have no effect in a scene; '
+                f'{element.place}: <compiler fitaabb="true"> would have no effect in a scene; '
                 "write sizes in place of meshes for the geoms that fit one, and remove it"
             )
 
@@ -134,12 +134,12 @@ def setting_notes(spec: Any, name: str, files: ModelFiles) -> Iterator[str]:
     for kind, element, attribute in _contact_forces(spec):
         place = places.of(kind, f"{name}/{element}")
         yield f"{place} has {attribute}, which has no effect: contact models replace MuJoCo's contact forces"
-    for each in _of_attached_files(files):
-        known = _PLANT_OPTIONS if each.tag == "option" else _PLANT_FLAGS if each.tag == "flag" else ()
+    for inner in _of_attached_files(files):
+        known = _PLANT_OPTIONS if inner.tag == "option" else _PLANT_FLAGS if inner.tag == "flag" else ()
         for key in known:
-            if key in each.attributes and not _holds(spec, each.tag, key, each.attributes[key]):
+            if key in inner.attributes and not _holds(spec, inner.tag, key, inner.attributes[key]):
                 yield (
-                    f"{each.place}: <{each.tag} {key}={each.attributes[key]!r}> of an attached file has no effect, "
+                    f"{inner.place}: <{inner.tag} {key}={inner.attributes[key]!r}> of an attached file has no effect, "
                     f"as in MuJoCo: write it in {files.place}"
                 )
 
@@ -175,13 +175,13 @@ def _of_attached_files(files: ModelFiles) -> Iterator[Element]:
     waiting = [files.main]
     while waiting:
         name = waiting.pop()
-        for each in elements(files.files[name], name):
-            inner = each.attributes.get("file", "") if each.tag == "include" else ""
-            found = {
+        for element in elements(files.files[name], name):
+            inner = element.attributes.get("file", "") if element.tag == "include" else ""
+            targets = {
                 posixpath.normpath(posixpath.join(folder, inner)) for folder in (home, posixpath.dirname(name)) if inner
             }
-            waiting += sorted(found & set(others) - included)
-            included |= found
+            waiting += sorted(targets & set(others) - included)
+            included |= targets
     for name in others:
         if name not in included:
             yield from elements(files.files[name], files.place_of(name))
@@ -189,4 +189,7 @@ def _of_attached_files(files: ModelFiles) -> Iterator[Element]:
 
 def _place(files: ModelFiles, tag: str, attribute: str) -> str:
     """``file:line`` of an attribute, in an included file too."""
-    return next((each.place for each in files.elements() if each.tag == tag and attribute in each.attributes), files.place)
+    return next(
+        (element.place for element in files.elements() if element.tag == tag and attribute in element.attributes),
+        files.place,
+    )

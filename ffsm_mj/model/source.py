@@ -174,12 +174,12 @@ def _complete_urdf(spec: Any, *, floats: bool) -> None:
 
 def _name_all(spec: Any) -> None:
     """Give each element without a name one derived from its parent: logs, scenarios and messages refer to names."""
-    taken = {element.name for kind in ("bodies", "joints", "geoms", "sites", "actuators") for element in getattr(spec, kind)}
+    used = {element.name for kind in ("bodies", "joints", "geoms", "sites", "actuators") for element in getattr(spec, kind)}
 
     def name(element: Any, wanted: str) -> None:
         if not element.name:
-            element.name = next(n for n in (wanted, *(f"{wanted}_{i}" for i in range(2, 10_000))) if n not in taken)
-            taken.add(element.name)
+            element.name = next(n for n in (wanted, *(f"{wanted}_{i}" for i in range(2, 10_000))) if n not in used)
+            used.add(element.name)
 
     for body in spec.bodies[1:]:  # the first is the world
         name(body, "body")
@@ -202,14 +202,14 @@ def _name_all(spec: Any) -> None:
         name(equality, f"{equality.name1 or 'equality'}_equality")
 
 
-def own_words(models: Iterable[ModelFiles], vfs: Any, error: Exception) -> str:
+def describe_error(models: Iterable[ModelFiles], vfs: Any, error: Exception) -> str:
     """Message for an error of the scene, which names no file: that of the first model which fails alone, if any."""
     models = tuple(models)
     for files in models:
         try:
             compile_spec(load_spec(files, vfs), vfs)
-        except REFUSALS as own:
-            return mujoco_line(files, own)
+        except REFUSALS as refusal:
+            return mujoco_line(files, refusal)
     return f"{' and '.join(files.place for files in models)}: {' '.join(str(error).split())}"
 
 

@@ -172,14 +172,14 @@ class System:
         """Content of all model files, by their names in logs and run folders."""
         return {
             logged_name(stored_with(tree, self.files), name): data
-            for tree, each in self.files.items()
-            for name, data in each.files.items()
+            for tree, file in self.files.items()
+            for name, data in file.files.items()
         }
 
     @cached_property
     def fixed_bodies(self) -> frozenset[int]:
         """Ids of all bodies of fixed objects."""
-        return frozenset(body for each in self.fixed for body in each.bodies)
+        return frozenset(body for fixed_model in self.fixed for body in fixed_model.bodies)
 
     @cached_property
     def projectors(self) -> dict[str, tuple[FloatArray, ...]]:
@@ -309,7 +309,7 @@ def shared_joints(first: System, second: System) -> SharedJoints:
     """Joints that have the same name in both systems."""
     names = [name for name in first.joints if name in second.joints]
     systems = [[system.joints[name] for name in names] for system in (first, second)]
-    qpos, dofs = ([_indices([getattr(each, key) for each in joints]) for joints in systems] for key in ("qpos", "dofs"))
+    qpos, dofs = ([_indices([getattr(joint, key) for joint in joints]) for joints in systems] for key in ("qpos", "dofs"))
     return SharedJoints((qpos[0], qpos[1]), (dofs[0], dofs[1]))
 
 

@@ -170,7 +170,7 @@ def elements(xml: bytes, place: str, folder: str = "") -> list[Element]:
         InputError: It is not UTF-8, not well-formed, too deep or too long, has a document type or a plugin, exceeds a limit,
             or contains values that MuJoCo does not survive.
     """
-    found: list[Element] = []
+    collected: list[Element] = []
     parents: list[str] = []
     repeats: list[float] = []
     parser = expat.ParserCreate("UTF-8")
@@ -183,13 +183,13 @@ def elements(xml: bytes, place: str, folder: str = "") -> list[Element]:
         # MuJoCo ignores what it does not know in a URDF, such as <ros2_control>, <transmission> and <gazebo>.
         if tag in ("plugin", "extension") and parents[:1] != ["robot"]:
             refuse(f"<{name}>: plugins are not modelled, as their effects do not enter the balance; remove it")
-        if len(parents) >= _MAX_DEPTH or len(found) >= MOST_ELEMENTS:
+        if len(parents) >= _MAX_DEPTH or len(collected) >= MOST_ELEMENTS:
             refuse(f"more than {_MAX_DEPTH} levels or {MOST_ELEMENTS} elements of XML")
         line = f"{place}:{parser.CurrentLineNumber}"
         refuse_giant(tag, attributes, line)
         refuse_unsafe(tag, attributes, line)
-        found.append(Element(tag, attributes, tuple(parents), line, folder, repeats[-1] if repeats else 1.0))
-        repeats.append(found[-1].copies * copies(tag, attributes))
+        collected.append(Element(tag, attributes, tuple(parents), line, folder, repeats[-1] if repeats else 1.0))
+        repeats.append(collected[-1].copies * copies(tag, attributes))
         parents.append(tag)
 
     def end(_: str) -> None:
@@ -205,7 +205,7 @@ def elements(xml: bytes, place: str, folder: str = "") -> list[Element]:
         raise InputError(
             f"{place}:{error.lineno}:{error.offset + 1}: malformed XML: {expat.ErrorString(error.code)}"
         ) from error
-    return found
+    return collected
 
 
 def is_urdf(document: Sequence[Element]) -> bool:
@@ -259,13 +259,13 @@ def _settings(document: Sequence[Element]) -> dict[str, str]:
 
 def _mjcf_names(element: Element) -> Iterator[str]:
     """Files of an MJCF element, without those that MuJoCo ignores."""
-    given = element.attributes
-    if element.tag in ("include", "model") or (element.tag == "texture" and given.get("builtin", "none") != "none"):
+    attributes = element.attributes
+    if element.tag in ("include", "model") or (element.tag == "texture" and attributes.get("builtin", "none") != "none"):
         return
-    if given.get("file"):
-        yield given["file"]
+    if attributes.get("file"):
+        yield attributes["file"]
     elif element.tag == "texture":
-        yield from (given[side] for side in _CUBE_SIDES if given.get(side))
+        yield from (attributes[side] for side in _CUBE_SIDES if attributes.get(side))
 
 
 def _urdf_names(element: Element, settings: dict[str, str]) -> Iterator[str]:

@@ -61,7 +61,7 @@ class Command(Stateful):
 
 
 @dataclass(frozen=True)
-class GivenCommand:
+class ExternalCommand:
     """Command of the program that steps a simulation, in place of that of the control laws.
 
     Attributes:

@@ -65,21 +65,21 @@ class ActiveContacts(Sequence[ActiveContact]):
     def __init__(self, compute: Callable[[], tuple[ActiveContact, ...]]) -> None:
         """Store the function that computes the contacts at the present state."""
         self._compute: Callable[[], tuple[ActiveContact, ...]] | None = compute
-        self._found: tuple[ActiveContact, ...] | None = None
+        self._active: tuple[ActiveContact, ...] | None = None
 
-    def found(self) -> tuple[ActiveContact, ...]:
+    def active(self) -> tuple[ActiveContact, ...]:
         """Compute the contacts, if they are not known yet.
 
         Raises:
             ControllerError: They are those of the past, and were not read then.
         """
-        if self._found is None:
+        if self._active is None:
             if self._compute is None:
                 raise ControllerError(
                     "contacts of an earlier observation were not read then: keep tuple(observation.contacts)"
                 )
-            self._found = self._compute()
-        return self._found
+            self._active = self._compute()
+        return self._active
 
     def expire(self) -> None:
         """The state or the efforts change: contacts that were not read are not known any more."""
@@ -87,7 +87,7 @@ class ActiveContacts(Sequence[ActiveContact]):
 
     def __len__(self) -> int:
         """Number of closed pairs."""
-        return len(self.found())
+        return len(self.active())
 
     @overload
     def __getitem__(self, index: int) -> ActiveContact: ...
@@ -97,8 +97,8 @@ class ActiveContacts(Sequence[ActiveContact]):
 
     def __getitem__(self, index: int | slice) -> ActiveContact | tuple[ActiveContact, ...]:
         """One or several of them."""
-        return self.found()[index]
+        return self.active()[index]
 
     def __repr__(self) -> str:
         """The contacts as a tuple."""
-        return repr(self.found())
+        return repr(self.active())

@@ -28,7 +28,7 @@ SUMMARY_KEYS = frozenset(
     )
 )
 """Keys of ``summary.json`` that are not plurals of kinds; some runs lack some of them."""
-_TAKEN = SUMMARY_KEYS | {"samples", "plumes"}
+_RESERVED = SUMMARY_KEYS | {"samples", "plumes"}
 """Plurals that have another meaning: in the summary, as a table or as a topic."""
 _LETTERS = re.compile(r"_\{(\w+)\}")
 _KNOWN: dict[str, RecordKind] = {}
@@ -59,7 +59,7 @@ def _never(_: Any) -> bool:
 
 def all_fields(record: Any) -> dict[str, Any]:
     """The fields of a record as plain data."""
-    return {each.name: _plain(getattr(record, each.name)) for each in fields(record)}
+    return {field.name: _plain(getattr(record, field.name)) for field in fields(record)}
 
 
 def _plain(value: Any) -> Any:
@@ -88,7 +88,7 @@ class RecordKind:
         state: State from the event on, in a word, for a track of states; None for none.
         warning: Whether to show it as a warning.
         in_every_run: Whether every log has its topic; otherwise those whose header names it.
-        own_numbers: Whether its events are numbered by themselves, not with those of the other contact models.
+        numbered_alone: Whether its events are numbered by themselves, not with those of the other contact models.
         event_group: Name of a group of kinds, of one contact model, whose records with one number are one event; empty: the
             kind alone.
     """
@@ -106,7 +106,7 @@ class RecordKind:
     state: Callable[[Any], str] | None = None
     warning: Callable[[Any], bool] = _never
     in_every_run: bool = False
-    own_numbers: bool = False
+    numbered_alone: bool = False
     event_group: str = ""
 
     @property
@@ -122,7 +122,7 @@ class RecordKind:
     @property
     def columns(self) -> Mapping[str, tuple[str, str]]:
         """Unit and text of the columns of its table, see :func:`.record.columns_of`; the time is the first one."""
-        return dict(sorted(columns_of(self.record).items(), key=lambda each: each[0] != "time_s"))
+        return dict(sorted(columns_of(self.record).items(), key=lambda column: column[0] != "time_s"))
 
     @property
     def lengths(self) -> Mapping[str, int]:
@@ -145,7 +145,7 @@ def register(kind: RecordKind, *, checked: bool = False) -> None:
     for other in _KNOWN.values():
         if kind.name == other.name or kind.record is other.record or (kind.plural and kind.plural == other.plural):
             raise ValueError(f"the kind {kind.name} ({kind.plural}) of {kind.record.__name__} is {other.name} already")
-    if kind.name == "sample" or kind.plural in _TAKEN:
+    if kind.name == "sample" or kind.plural in _RESERVED:
         raise ValueError(f"the kind {kind.name} ({kind.plural}): the name is reserved")
     for fault in () if checked else faults(kind):
         raise ValueError(f"the kind {kind.name}: {fault}")
@@ -192,8 +192,8 @@ def kind_of(record: Any) -> RecordKind:
 
 def field_of(column: str) -> tuple[str, str]:
     """Field of a column of a table, and a letter for each of its values: ``point_m`` and ``xyz``."""
-    found = _LETTERS.search(column)
-    return _LETTERS.sub("", column), found[1] if found else ""
+    match = _LETTERS.search(column)
+    return _LETTERS.sub("", column), match[1] if match else ""
 
 
 def faults(kind: RecordKind) -> Iterator[str]:
@@ -201,12 +201,12 @@ def faults(kind: RecordKind) -> Iterator[str]:
     if not is_dataclass(kind.record):
         yield f"{kind.record.__name__} is not a dataclass"
         return
-    told, hints = meanings(kind.record), get_type_hints(kind.record)
-    for name in (each.name for each in fields(kind.record)):
-        if name not in told:
+    known, hints = meanings(kind.record), get_type_hints(kind.record)
+    for name in (one.name for one in fields(kind.record)):
+        if name not in known:
             yield f"the field {name} has no meaning, see ffsm_mj.records.record.declared"
             return
-        hint, meaning = hints[name], told[name]
+        hint, meaning = hints[name], known[name]
         if not _storable(hint):
             yield f"a log cannot hold a {hint} ({name})"
         if meaning.components and get_origin(hint) is not tuple:
@@ -215,7 +215,7 @@ def faults(kind: RecordKind) -> Iterator[str]:
             yield f"{name} has entries, but is no mapping"
         if meaning.column and not meaning.components and hint not in (*ONE_VALUE, tuple[str, ...]):
             yield f"a table cannot show {name} in one column"
-        if meaning.after and meaning.after not in told.keys() - {name}:
+        if meaning.after and meaning.after not in known.keys() - {name}:
             yield f"there is no field {meaning.after} for {name} to come after"
     if kind.plural and not kind.columns:
         yield f"the table {kind.plural} has no columns"

@@ -96,21 +96,23 @@ def load_columns(grasps: Sequence[Grasp]) -> list[LoadColumns]:
 
 def logged_load_columns(layout: Layout) -> list[LoadColumns]:
     """The sets of columns that a row has, in its order."""
-    found = [LoadColumns.of(match[1] or "") for key in layout.keys if (match := _CLOSED.fullmatch(key))]
-    return [each for each in found if {*each.loads, *each.point, *each.event_loads} <= layout.index.keys()]
+    candidates = [LoadColumns.of(match[1] or "") for key in layout.keys if (match := _CLOSED.fullmatch(key))]
+    return [
+        columns for columns in candidates if {*columns.loads, *columns.point, *columns.event_loads} <= layout.index.keys()
+    ]
 
 
 def load_columns_of(layout: Layout, grasp: str) -> LoadColumns | None:
     """The set of columns of a grasp in a row; None if the row has none."""
-    return next((each for each in logged_load_columns(layout) if each.grasp in ("", identifier(grasp))), None)
+    return next((columns for columns in logged_load_columns(layout) if columns.grasp in ("", identifier(grasp))), None)
 
 
 def load_arrows(layout: Layout) -> list[ArrowColumns]:
     """Force and torque on each grasped object, at its site; none if the run has no grasps."""
     arrows = []
-    for each in logged_load_columns(layout):
-        name, whose = (f"grasp_{each.grasp}", f" by {each.grasp}") if each.grasp else ("grasp", "")
-        force, torque, point = (layout.places(keys) for keys in (each.loads[:3], each.loads[3:], each.point))
+    for columns in logged_load_columns(layout):
+        name, whose = (f"grasp_{columns.grasp}", f" by {columns.grasp}") if columns.grasp else ("grasp", "")
+        force, torque, point = (layout.places(keys) for keys in (columns.loads[:3], columns.loads[3:], columns.point))
         arrows += [
             ArrowColumns(name, f"force on the grasped object{whose}", force, point),
             ArrowColumns(f"{name}_torque", f"torque on the grasped object{whose}", torque, point, unit="N m"),

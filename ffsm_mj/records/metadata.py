@@ -244,9 +244,9 @@ def _is_numbers(text: str) -> bool:
 
 def _holds_numbers(value: Any, deep: int) -> bool:
     if isinstance(value, dict):
-        return deep > 0 and all(_holds_numbers(each, deep - 1) for each in value.values())
+        return deep > 0 and all(_holds_numbers(part, deep - 1) for part in value.values())
     numbers = value if isinstance(value, list) else [value]
-    return deep < _DEEPEST and all(isinstance(each, float) and math.isfinite(each) for each in numbers)
+    return deep < _DEEPEST and all(isinstance(number, float) and math.isfinite(number) for number in numbers)
 
 
 def _is_number(text: str) -> bool:

@@ -69,9 +69,9 @@ def declared(
 ) -> Any:
     """Declare a field of a record by the parts of its :class:`Meaning`, or by one that is shared and parts that differ."""
     parts = {"column": column, "unit": unit, "components": components, "entries": entries, "after": after}
-    given: dict[str, Any] = {name: part for name, part in parts.items() if part or part is None}
-    own = replace(Meaning(meaning) if isinstance(meaning, str) else meaning, **given)
-    return field(metadata={_MEANING: own}, default=default, default_factory=default_factory)
+    stated: dict[str, Any] = {name: part for name, part in parts.items() if part or part is None}
+    complete = replace(Meaning(meaning) if isinstance(meaning, str) else meaning, **stated)
+    return field(metadata={_MEANING: complete}, default=default, default_factory=default_factory)
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(declared, field))
@@ -83,35 +83,35 @@ def record(cls: type[_Record]) -> type[_Record]:
 @cache
 def meanings(of: type) -> dict[str, Meaning]:
     """Meaning of each :func:`declared` field of a record, in their order."""
-    return {each.name: each.metadata[_MEANING] for each in fields(of) if _MEANING in each.metadata}
+    return {field.name: field.metadata[_MEANING] for field in fields(of) if _MEANING in field.metadata}
 
 
 @cache
 def lengths_of(of: type) -> dict[str, int]:
     """How many values a field holds, ``point_m``, or the entry of a mapping, ``energy_before_J.total``."""
-    found = meanings(of).items()
-    numbers = {f"{name}.{entry}": number for name, meaning in found for entry, number in meaning.entries.items()}
-    return {name: len(meaning.components) for name, meaning in found if meaning.components} | numbers
+    items = meanings(of).items()
+    numbers = {f"{name}.{entry}": number for name, meaning in items for entry, number in meaning.entries.items()}
+    return {name: len(meaning.components) for name, meaning in items if meaning.components} | numbers
 
 
 @cache
 def table_order(of: type) -> tuple[str, ...]:
     """Its fields in the order of tables."""
-    found = meanings(of)
-    names = list(found)
-    for name in [name for name in found if found[name].after]:
+    meaning_of = meanings(of)
+    names = list(meaning_of)
+    for name in [name for name in meaning_of if meaning_of[name].after]:
         names.remove(name)
-        names.insert(names.index(found[name].after) + 1, name)
+        names.insert(names.index(meaning_of[name].after) + 1, name)
     return tuple(names)
 
 
 @cache
 def columns_of(of: type) -> dict[str, tuple[str, str]]:
     """Unit and text of the columns of its table, in their order; ``point_{xyz}_m`` is one for each value of ``point_m``."""
-    hints, found = get_type_hints(of), {name: meanings(of)[name] for name in table_order(of)}
+    hints, ordered = get_type_hints(of), {name: meanings(of)[name] for name in table_order(of)}
     return {
         _column(name, meaning.components): (meaning.unit or unit_of(name), meaning.column_text)
-        for name, meaning in found.items()
+        for name, meaning in ordered.items()
         if meaning.column is not None and (meaning.column or meaning.components or hints[name] in ONE_VALUE)
     }
 

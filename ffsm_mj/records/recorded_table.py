@@ -73,8 +73,8 @@ class RecordedTable:
         if wrong:
             shown = one_line(str(cells[wrong[0]]))[:_LONGEST_TEXT]
             others = f" (and {len(wrong) - 1} more)" if len(wrong) > 1 else ""
-            found = f"is {shown!r}" if shown else "is empty"
-            message = f"{self.row_place(wrong[0])}: column {name!r} {found}{others}; finite numbers are allowed"
+            problem = f"is {shown!r}" if shown else "is empty"
+            message = f"{self.row_place(wrong[0])}: column {name!r} {problem}{others}; finite numbers are allowed"
             raise TableError(message)
         return values
 
@@ -86,7 +86,7 @@ class RecordedTable:
         """
         self.numbers(name)
         first, *others = (Decimal(str(cell).strip()) for cell in self.columns[name])
-        return np.array([0.0, *(float(each - first) for each in others)])
+        return np.array([0.0, *(float(other - first) for other in others)])
 
 
 def _number(cell: Any) -> float:

@@ -71,5 +71,5 @@ EFFORT_CHANGE = RecordKind(
     when="when efforts change between control ticks",
     sentence=lambda record: record.cause,
     summarised=False,
-    own_numbers=True,
+    numbered_alone=True,
 )

@@ -121,7 +121,7 @@ class RunLog:
     @property
     def event_kinds(self) -> tuple[RecordKind, ...]:
         """The kinds of events whose records hold the state before and after."""
-        return tuple(kind for kind in self.kinds if "qvel_after" in {each.name for each in fields(kind.record)})
+        return tuple(kind for kind in self.kinds if "qvel_after" in {field.name for field in fields(kind.record)})
 
     @property
     def instants_s(self) -> list[float]:
@@ -130,16 +130,16 @@ class RunLog:
 
     def whole_events(self) -> dict[str, tuple[Any, ...]]:
         """Records by plural without those of events at times at which a part of the log is lost: some may be missing."""
-        found = dict(self.records)
+        whole = dict(self.records)
         starts, ends = np.array(self.lost).reshape(-1, 2).T
         for kind in self.event_kinds if self.lost else ():
-            records = found.get(kind.plural, ())
-            times = np.array([kind.time(each) for each in records])
+            records = whole.get(kind.plural, ())
+            times = np.array([kind.time(record) for record in records])
             # As neither starts nor ends fall, the last part that starts before is the one that ends last.
             last = np.searchsorted(starts, times, side="right") - 1
             lacks = (last >= 0) & (times <= ends[last])
-            found[kind.plural] = tuple(each for each, lack in zip(records, lacks.tolist(), strict=True) if not lack)
-        return found
+            whole[kind.plural] = tuple(record for record, lack in zip(records, lacks.tolist(), strict=True) if not lack)
+        return whole
 
     @property
     def is_doubtful(self) -> bool:
@@ -149,14 +149,14 @@ class RunLog:
     def events(self) -> list[Event]:
         """All records in order of time; at one time those that are numbered together by number, the others by kind."""
         kinds = self.kinds
-        series = [kind.event_group or kind.name if kind.own_numbers else "" for kind in kinds]
-        found: list[tuple[float, int, int, Event]] = []
+        series = [kind.event_group or kind.name if kind.numbered_alone else "" for kind in kinds]
+        entries: list[tuple[float, int, int, Event]] = []
         for i, kind in enumerate(kinds):
             for record in self.records.get(kind.plural, ()):
                 number = getattr(record, "event", None)
                 place = i if number is None else series.index(series[i])
-                found.append((kind.time(record), place, number or 0, record))
-        return [record for *_, record in sorted(found, key=lambda each: each[:3])]
+                entries.append((kind.time(record), place, number or 0, record))
+        return [record for *_, record in sorted(entries, key=lambda entry: entry[:3])]
 
     def marks(self) -> list[tuple[RecordKind, float, Mark]]:
         """Marks of its records as (kind, time in s, mark); by kind, then in order."""
@@ -196,7 +196,7 @@ def run_log(
     records: dict[str, list[Event]] = {kind.plural: [] for kind in kinds_of(header.kinds) if kind.plural}
     for event in events:
         records[kind_of(event).plural].append(event)
-    return RunLog(header, rows, {plural: tuple(found) for plural, found in records.items()}, outcome, damage)
+    return RunLog(header, rows, {plural: tuple(kept) for plural, kept in records.items()}, outcome, damage)
 
 
 _Event = TypeVar("_Event")
@@ -223,10 +223,10 @@ def merged(first: Sequence[_Event], second: Sequence[_Event], jump: Callable[[_E
         if (i, j)[which]:
             event, rest = (first[i - 1], (i - 1, j)) if which == 0 else (second[j - 1], (i, j - 1))
             previous = [(*rest, last) for last in (1, 0) if rest[last]]
-            found = [sums[each] + jump(both[each[2]][rest[each[2]] - 1], event) for each in previous]
-            sums[i, j, which] = min(found, default=0.0)
-            if found:
-                before[i, j, which] = previous[found.index(min(found))]
+            costs = [sums[end] + jump(both[end[2]][rest[end[2]] - 1], event) for end in previous]
+            sums[i, j, which] = min(costs, default=0.0)
+            if costs:
+                before[i, j, which] = previous[costs.index(min(costs))]
     place: tuple[int, int, int] | None = min(((*counts, last) for last in (1, 0)), key=lambda end: sums[end])
     out = []
     while place is not None:

@@ -55,29 +55,29 @@ class EstimatedColumns:
 
 def measured_columns(layout: Layout, sensors: Iterable[str]) -> list[MeasuredColumns]:
     """Columns of sensors by their full names; those that a log does not have are left out."""
-    units, found = {signal.name: signal.unit for signal in layout.signals if signal.group == "sensor"}, []
+    units, columns = {signal.name: signal.unit for signal in layout.signals if signal.group == "sensor"}, []
     for sensor in sensors:
-        own = identifier(sensor)
-        true = [name for name in units if name == f"{own}_true" or name.startswith(f"{own}_true_")]
-        rests = [rest for name in true if own + (rest := name.removeprefix(f"{own}_true")) in units]
+        prefix = identifier(sensor)
+        true = [name for name in units if name == f"{prefix}_true" or name.startswith(f"{prefix}_true_")]
+        rests = [rest for name in true if prefix + (rest := name.removeprefix(f"{prefix}_true")) in units]
         if rests:
             first = [rest.split("_")[1] if rest.count("_") else "" for rest in rests]
-            found.append(
+            columns.append(
                 MeasuredColumns(
                     sensor,
-                    units[own + rests[0]],
+                    units[prefix + rests[0]],
                     tuple(part if part in ("w", "x", "y", "z") else "" for part in first),
-                    tuple(f"sensor.{own}{rest}" for rest in rests),
-                    tuple(f"sensor.{own}_true{rest}" for rest in rests),
+                    tuple(f"sensor.{prefix}{rest}" for rest in rests),
+                    tuple(f"sensor.{prefix}_true{rest}" for rest in rests),
                 )
             )
-    return found
+    return columns
 
 
 def estimated_columns(layout: Layout, trees: Iterable[Tree]) -> list[EstimatedColumns]:
     """Columns of all estimated quantities; empty if a log has no estimate."""
-    found = [columns for tree in trees for columns in _of_tree(layout, tree)]
-    return [columns for columns in found if all(key in layout.index for key in (*columns.estimate, *columns.errors))]
+    candidates = [columns for tree in trees for columns in _of_tree(layout, tree)]
+    return [columns for columns in candidates if all(key in layout.index for key in (*columns.estimate, *columns.errors))]
 
 
 def _of_tree(layout: Layout, tree: Tree) -> Iterator[EstimatedColumns]:

@@ -65,9 +65,9 @@ def replay_log(
         replay.finish()
         kept.finish()
     sampling.end(log.outcome.end_s if log.outcome else None)
-    found, verified_to_s = replay.agreements()
-    worst = {name: agreement.worst for name, agreement in found.items() if agreement.worst is not None}
-    numbers = sum(agreement.numbers for agreement in found.values())
+    by_name, verified_to_s = replay.agreements()
+    worst = {name: agreement.worst for name, agreement in by_name.items() if agreement.worst is not None}
+    numbers = sum(agreement.numbers for agreement in by_name.values())
     gaps, checks = sampling.sentence(), ModelChecks(log, kept)
     return ReplayResult(worst, seen.samples, numbers, gaps, "", seen, log, checks, verified_to_s)
 
@@ -97,9 +97,9 @@ def explain(
     Raises:
         KeyError: A tolerance for an unknown check.
     """
-    found = all_checks(run, tolerance) if checks is None else tuple(checks)
-    if not has_question(found, tolerance):
-        return ExplainedChecks(found)
+    stated = all_checks(run, tolerance) if checks is None else tuple(checks)
+    if not has_question(stated, tolerance):
+        return ExplainedChecks(stated)
     limits = limits if limits is not None else AnalysisLimits(usual_seconds(run.log))
-    analysis = analyze_truncation(run.log if log is None else log(), found, limits)
-    return ExplainedChecks(analysis.judged(found, tolerance), analysis.obstacle)
+    analysis = analyze_truncation(run.log if log is None else log(), stated, limits)
+    return ExplainedChecks(analysis.judged(stated, tolerance), analysis.obstacle)

@@ -21,10 +21,10 @@ from ffsm_mj.records.events import RunEnded
 from ffsm_mj.records.run_kinds import EffortChange
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.replay.logged_events import EventCheck, LoggedEvents
-from ffsm_mj.replay.logged_flight import LoggedFlight
+from ffsm_mj.replay.logged_motion import LoggedMotion
 from ffsm_mj.replay.replayed_rows import LoggedRows, ReplayedRows
 from ffsm_mj.replay.scene import LogScene
-from ffsm_mj.simulation.controller import calls_controller, told_records
+from ffsm_mj.simulation.controller import calls_controller, reported_records
 from ffsm_mj.simulation.step_control import StepLimitError
 from ffsm_mj.ties import logged
 from ffsm_mj.verification.agreement import Agreement, impossible
@@ -52,7 +52,7 @@ class LogReplay:
     """Integrates from each sample to the next, and recomputes all columns that follow from states and efforts.
 
     Attributes:
-        found: Agreement so far, since the last part of the log that is lost.
+        current: Agreement so far, since the last part of the log that is lost.
         forces_apart: Differences of the logged contact forces of the last :meth:`take` from independent checks, N, (n,).
         whole: The time of the first row after the first part of the log that is lost, s, and the agreement before that part,
             once the replay is past it: an event that is lost may have closed a contact or a grasp, of which later rows do
@@ -67,15 +67,15 @@ class LogReplay:
         """
         scenario, self._plant = scene.scenario, scene.plant
         self._step_s, self._steps, self._last_tick = scenario.time_step_s, scenario.steps_per_tick, scenario.ticks
-        self._period_s, self._told_above_N_s = self._step_s * self._steps, scenario.told_above_N_s
+        self._period_s, self._feedback_impulse_N_s = self._step_s * self._steps, scenario.feedback_impulse_N_s
         self._system_motion = self._plant.integrator.motion
         self._command = Command.off(int(self._plant.system.mj.nu))
-        self.found, self.forces_apart = Agreements(), np.zeros(0)
-        self._check = EventCheck(self._plant.integrator.event_sources, self.found.impacts)
-        self._events = LoggedEvents(self._plant.system, log, self._step_s, self.found.impacts, self._check.fault_of)
+        self.current, self.forces_apart = Agreements(), np.zeros(0)
+        self._check = EventCheck(self._plant.integrator.event_sources, self.current.impacts)
+        self._events = LoggedEvents(self._plant.system, log, self._step_s, self.current.impacts, self._check.fault_of)
         self._rows = ReplayedRows(self._plant, log.header.layout)
         self._logged: LoggedRows
-        self._flight = LoggedFlight.of(self._plant, self._rows, self._command, self._step_s, self._steps)
+        self._logged_motion = LoggedMotion.of(self._plant, self._rows, self._command, self._step_s, self._steps)
         self._lost_from, self._time = np.array([start for start, _ in log.lost]), log.header.layout.time
         self.whole: tuple[float, Agreements] | None = None
         self._last_s = -math.inf
@@ -85,7 +85,7 @@ class LogReplay:
         self._at_logged_state = False
         # The step to go on with after ticks that the core took, and whether it is made already; whether the motion bound
         # holds from the last event on.
-        self._next_step, self._made, self._bounded = 0, False, False
+        self._next_step, self._stepped, self._bounded = 0, False, False
 
     def take(self, block: FloatArray, ticks: npt.NDArray[np.int64]) -> FloatArray:
         """Recompute the next samples and compare them with the logged ones.
@@ -115,8 +115,8 @@ class LogReplay:
         if np.any((self._last_s <= self._lost_from) & (self._lost_from < time_s)):
             self._tick = None
             if self.whole is None:
-                self.whole, self.found = (time_s, self.found), Agreements()
-                self._check.found = self._events.found = self.found.impacts
+                self.whole, self.current = (time_s, self.current), Agreements()
+                self._check.agreement = self._events.agreement = self.current.impacts
 
     def finish(self) -> None:
         """Integrate from the last sample to the events after it, one of which may have ended the run."""
@@ -134,24 +134,24 @@ class LogReplay:
 
         What follows a lost part counts if it agrees, and else says nothing.
         """
-        last: dict[str, Agreement] = vars(self.found)
+        last: dict[str, Agreement] = vars(self.current)
         if self.whole is None:
             return last, math.inf
         until_s, first = self.whole[0], vars(self.whole[1])
-        if not all(each.worst is None or each.worst.passes for each in last.values()):
+        if not all(item.worst is None or item.worst.passes for item in last.values()):
             return first, until_s
-        for name, each in last.items():
-            first[name].numbers += each.numbers
-            if each.worst is not None:
-                first[name].keep(each.worst)
+        for name, item in last.items():
+            first[name].numbers += item.numbers
+            if item.worst is not None:
+                first[name].keep(item.worst)
         return first, math.inf
 
     def _take(self, block: FloatArray, ticks: npt.NDArray[np.int64]) -> FloatArray:
         self._logged = self._rows.begin(block)
         states = self._logged.states
         usable = np.all(np.isfinite(states) & (np.abs(states) < _HUGE), axis=1) & (ticks != NOWHERE)
-        if self._flight is not None:
-            self._flight.begin(self._logged, usable, ticks)
+        if self._logged_motion is not None:
+            self._logged_motion.begin(self._logged, usable, ticks)
         line = 0
         while line < len(block):
             if usable[line]:
@@ -160,7 +160,7 @@ class LogReplay:
                 self._rows.skip(line)
                 self._tick = None
                 line += 1
-        return self._rows.compare(block, self.found.motion, self.found.columns)
+        return self._rows.compare(block, self.current.motion, self.current.columns)
 
     def _lines(self, line: int, tick: int) -> int:
         """Integrate to a sample, and write its row as the run does; returns the number of rows written, from it on."""
@@ -168,7 +168,7 @@ class LogReplay:
         starts = self._reach(line, tick, time_s)
         self._plant.data.time = time_s  # as in a run: a sum of steps accumulates rounding
         # Where the replay starts, efforts are held that were decided before: the law of the core would decide them anew.
-        if not starts and (written := self._fly(line, tick)):
+        if not starts and (written := self._replay_ticks(line, tick)):
             return written
         self._write(line, tick, time_s, starts=starts)
         return 1
@@ -186,15 +186,15 @@ class LogReplay:
             self._rows.predicted[line] = self._advance_to_sample(logged.states[line], self._tick, until_s)
         return False
 
-    def _fly(self, line: int, tick: int) -> int:
+    def _replay_ticks(self, line: int, tick: int) -> int:
         """Have the core write rows from a sample on, if nothing but actuators acts there; returns the number of rows."""
-        if self._flight is None or not self._bounded:
+        if self._logged_motion is None or not self._bounded:
             return 0
         pending = self._events.pending
-        written = self._flight.take(line, tick, pending[0].step // self._steps if pending else math.inf)
+        written = self._logged_motion.take(line, tick, pending[0].step // self._steps if pending else math.inf)
         if written:
-            self._tick, self._next_step = tick + written - 1, self._flight.steps
-            self._made, self._at_logged_state = self._flight.pass_step(), True
+            self._tick, self._next_step = tick + written - 1, self._logged_motion.steps
+            self._stepped, self._at_logged_state = self._logged_motion.pass_step(), True
         return written
 
     def _write(self, line: int, tick: int, time_s: float, *, starts: bool) -> None:
@@ -228,27 +228,27 @@ class LogReplay:
         if plant.sampler is not None:
             plant.sampler.begin_after_gap(time_s)
         plant.scene.numbers.mark_unknown()
-        self._hold(logged.applied[line], time_s, self.found.columns)
+        self._hold(logged.applied[line], time_s, self.current.columns)
         plant.actuation.table[:, 0] = logged.asked[line]
 
     def _decide(self, line: int, time_s: float) -> None:
         """Apply the logged command within the actuator limits."""
         self._command.effort[:], self._command.powered[:] = self._logged.asked[line], self._logged.powered[line]
-        with self._no_law_commands(time_s, self.found.columns):
+        with self._no_law_commands(time_s, self.current.columns):
             self._plant.actuation.apply(self._command, self._plant.data, time_s)
 
-    def _hold(self, efforts: FloatArray, time_s: float, found: Agreement) -> None:
+    def _hold(self, efforts: FloatArray, time_s: float, agreement: Agreement) -> None:
         """Apply logged efforts that were decided before."""
-        with self._no_law_commands(time_s, found):
+        with self._no_law_commands(time_s, agreement):
             self._plant.actuation.hold(efforts, self._plant.data, time_s)
 
     @contextmanager
-    def _no_law_commands(self, time_s: float, found: Agreement) -> Iterator[None]:
+    def _no_law_commands(self, time_s: float, agreement: Agreement) -> Iterator[None]:
         """Context in which efforts that end a run are what a log cannot say."""
         try:
             yield
         except ControllerError as error:
-            found.keep(impossible(str(error), time_s))
+            agreement.keep(impossible(str(error), time_s))
 
     def _advance_to_sample(self, state: FloatArray, tick: int, until_s: float) -> FloatArray:
         """Integrate from the sample at a tick to the next sample, or to an event at ``until_s``; returns the state there."""
@@ -298,15 +298,15 @@ class LogReplay:
         """
         actuation, data = self._plant.actuation, self._plant.data
         if not np.array_equal(event.efforts, actuation.applied) or effect is None or self._decides(effect):
-            self._hold(event.efforts, event.time_s, self.found.impacts)
+            self._hold(event.efforts, event.time_s, self.current.impacts)
         name = f"{event.name} efforts_after"
-        self.found.impacts.vector(name, event.efforts, actuation.applied.copy(), actuation.applied, "", event.time_s)
+        self.current.impacts.vector(name, event.efforts, actuation.applied.copy(), actuation.applied, "", event.time_s)
         data.ctrl[:] = event.efforts / actuation.gear
 
     def _decides(self, effect: EventEffect) -> bool:
         """Whether efforts are applied anew at an event: a command arrives, or the controller is evaluated."""
         arrives = any(isinstance(record, EffortChange) for record in effect.records)
-        return arrives or calls_controller(effect, told_records(effect.records, self._told_above_N_s))
+        return arrives or calls_controller(effect, reported_records(effect.records, self._feedback_impulse_N_s))
 
     def _advance_to_state(self, duration_s: float, state: FloatArray) -> FloatArray:
         """Integrate to a logged state, which enters the balance; returns the integrated state for comparison."""
@@ -326,9 +326,9 @@ class LogReplay:
             Duration of the last sub-step; 0 if integration was refused.
         """
         left = self._left
-        if self._made:
-            self._made = False
-            if not self._plant.integrator.motion.flight.kinked:
+        if self._stepped:
+            self._stepped = False
+            if not self._plant.integrator.motion.free_flight.kinked:
                 return duration_s
             path = self._plant.integrator.motion.path
             path.at_s = math.nan  # the core does not say where it is
@@ -341,7 +341,7 @@ class LogReplay:
                 done_s = self._plant.integrate(duration_s, left)
             except (RunEnded, StepLimitError) as end:
                 # Integration is refused here, for example as a pair with friction carries a force.
-                self.found.motion.keep(impossible(str(end), float(self._plant.data.time)))
+                self.current.motion.keep(impossible(str(end), float(self._plant.data.time)))
                 return 0.0
             if logged(done_s, duration_s, float(self._plant.data.time)) == duration_s:
                 return done_s
@@ -355,7 +355,7 @@ class LogReplay:
         integrator = self._plant.integrator
         for contact_model in integrator.replayable:
             if missing := contact_model.missing_event():
-                self.found.impacts.keep(impossible(f"{missing} missing", time_s))
+                self.current.impacts.keep(impossible(f"{missing} missing", time_s))
         integrator.discard_idle()
 
     def _before_substep(self, duration_s: float, left_s: float) -> None:

@@ -30,7 +30,7 @@ def _order(event: LoggedEvent) -> tuple[int, float, int]:
     return event.step, event.time_s, int(getattr(event.records[0], "event", 0))
 
 
-def _in_order(events: Sequence[LoggedEvent], own_numbers: Collection[str]) -> list[LoggedEvent]:
+def _in_order(events: Sequence[LoggedEvent], collection: Collection[str]) -> list[LoggedEvent]:
     """Events in the order in which they were applied.
 
     Kinds in ``own_numbers`` are numbered separately from the others: at equal times, only the states tell their order.
@@ -38,8 +38,8 @@ def _in_order(events: Sequence[LoggedEvent], own_numbers: Collection[str]) -> li
     out: list[LoggedEvent] = []
     for _, group in groupby(sorted(events, key=_order), key=lambda event: (event.step, event.time_s)):
         at_once = list(group)
-        apart = [event for event in at_once if event.kind in own_numbers]
-        out += merged(apart, [event for event in at_once if event.kind not in own_numbers], _jump)
+        apart = [event for event in at_once if event.kind in collection]
+        out += merged(apart, [event for event in at_once if event.kind not in collection], _jump)
     return out
 
 
@@ -61,7 +61,7 @@ class LoggedEvents:
 
     Attributes:
         pending: Events not yet replayed, in order.
-        found: Collects differences.
+        agreement: Collects differences.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class LoggedEvents:
         system: System,
         log: RunLog,
         step_s: float,
-        found: Agreement,
+        agreement: Agreement,
         fault_of: Callable[[RecordKind, Sequence[Any]], str],
     ) -> None:
         """Read the events; an event that does not fit the models is omitted and counts as a difference.
@@ -78,24 +78,24 @@ class LoggedEvents:
             system: The system of the log.
             log: The log.
             step_s: Integration step.
-            found: Collects differences.
+            agreement: Collects differences.
             fault_of: Returns why records of one event do not fit the models, in one word; empty if they do.
         """
-        self._system, self._step_s, self.found, self._fault_of = system, step_s, found, fault_of
+        self._system, self._step_s, self.agreement, self._fault_of = system, step_s, agreement, fault_of
         met = [event for kinds in _by_group(log.event_kinds) for event in self._of_group(kinds, log)]
-        self._all = _in_order(met, {kind.name for kind in log.event_kinds if kind.own_numbers})
+        self._all = _in_order(met, {kind.name for kind in log.event_kinds if kind.numbered_alone})
         self.pending = list(self._all)
 
     def _of_group(self, kinds: Sequence[RecordKind], log: RunLog) -> Iterator[LoggedEvent]:
         """The events of kinds that share events: the records of one number, kind by kind."""
         logged = [(kind, i, record) for kind in kinds for i, record in enumerate(log.records.get(kind.plural, ()))]
         if len(kinds) > 1:
-            logged.sort(key=lambda each: each[2].event)  # a stable sort keeps the order of kinds and of records
+            logged.sort(key=lambda item: item[2].event)  # a stable sort keeps the order of kinds and of records
         counts, goes_on = Counter[str](), logged_start_s(log.header.metadata) > 0.0
-        for _, group in groupby(logged, key=lambda each: getattr(each[2], "event", each[1])):
-            found = list(group)
-            kind, records = found[0][0], tuple(record for *_, record in found)
-            series = kind.event_group if kind.own_numbers else kind.name
+        for _, group in groupby(logged, key=lambda item: getattr(item[2], "event", item[1])):
+            members = list(group)
+            kind, records = members[0][0], tuple(record for *_, record in members)
+            series = kind.event_group if kind.numbered_alone else kind.name
             # Events before the start of the log and lost ones have numbers too.
             if (goes_on and series not in counts) or log.lost:
                 counts[series] = int(getattr(records[0], "event", counts[series]))
@@ -130,7 +130,7 @@ class LoggedEvents:
 
     def refuse(self, what: str, time_s: float) -> None:
         """Add an infinite difference: part of an event is invalid as a whole."""
-        self.found.keep(impossible(what, time_s))
+        self.agreement.keep(impossible(what, time_s))
 
     def before(self, step: int) -> Sequence[LoggedEvent]:
         """All events before a step."""
@@ -166,20 +166,20 @@ class LoggedEvents:
         again[0] = with_signs_of(self._system.mj, again[0], logged[0])
         # What is left of the step is rounded as the time of its end is.
         accuracy = 0.0, EVENT_TIME * (event.step + 1) * self._step_s * acceleration
-        for what, given, found, least in zip(("qpos", "qvel_before"), logged, again, accuracy, strict=True):
-            self.found.vector(f"{event.name} {what}", given, found, found, "", event.time_s, least)
+        for what, value, recomputed, least in zip(("qpos", "qvel_before"), logged, again, accuracy, strict=True):
+            self.agreement.vector(f"{event.name} {what}", value, recomputed, recomputed, "", event.time_s, least)
 
 
 class EventCheck:
     """Reproduces logged events, and compares their records with the logged ones.
 
     Attributes:
-        found: Collects differences.
+        agreement: Collects differences.
     """
 
-    def __init__(self, contact_models: Sequence[EventSource], found: Agreement) -> None:
+    def __init__(self, contact_models: Sequence[EventSource], agreement: Agreement) -> None:
         """Find the contact model of each kind of record; differences are added to ``found``."""
-        self.found = found
+        self.agreement = agreement
         self._models = {kind.name: contact_model for contact_model in contact_models for kind in contact_model.records}
 
     def fault_of(self, kind: RecordKind, records: Sequence[Any]) -> str:
@@ -190,12 +190,12 @@ class EventCheck:
         """Reproduce the event at the state in ``data``, and compare its records; None if the models do not allow it."""
         effect = self._effect(event)
         if effect is None or [*map(type, effect.records)] != [*map(type, event.records)]:
-            self.found.keep(impossible(f"{event.name} records", event.time_s))
+            self.agreement.keep(impossible(f"{event.name} records", event.time_s))
             return effect
         for i, (mine, theirs) in enumerate(zip(effect.records, event.records, strict=True)):
             again = replace(mine, time_s=theirs.time_s, efforts_after=theirs.efforts_after)
             accuracy = dict(effect.accuracy) | _spread(mine, [records[i] for records in effect.varied])
-            self.found.record(event.name, theirs, again, theirs.time_s, accuracy)
+            self.agreement.record(event.name, theirs, again, theirs.time_s, accuracy)
         return effect
 
     def _effect(self, event: LoggedEvent) -> EventEffect | None:
@@ -207,9 +207,9 @@ class EventCheck:
 
 def _spread(record: Any, varied: Sequence[Any]) -> dict[str, float]:
     """How far the numbers of a record change in its variations together, by field."""
-    names = [each.name for each in fields(record) if not is_text(getattr(record, each.name))] if varied else []
+    names = [field.name for field in fields(record) if not is_text(getattr(record, field.name))] if varied else []
     numbers = {name: numbers_of(getattr(record, name)) for name in names}
     return {
-        name: sum(float(np.abs(numbers_of(getattr(each, name)) - own).max(initial=0.0)) for each in varied)
-        for name, own in numbers.items()
+        name: sum(float(np.abs(numbers_of(getattr(item, name)) - number).max(initial=0.0)) for item in varied)
+        for name, number in numbers.items()
     }

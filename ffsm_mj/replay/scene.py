@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from ffsm_mj.assembly.contact_rules import resolve_contacts
 from ffsm_mj.assembly.control_laws import task_of
-from ffsm_mj.assembly.grasps import held_systems
+from ffsm_mj.assembly.grasps import grasped_systems_of
 from ffsm_mj.assembly.initial_state import initial_state
 from ffsm_mj.assembly.joint_limits import joint_limits
 from ffsm_mj.assembly.plant import build_plant, environment_metadata
@@ -49,8 +49,8 @@ def log_scene(log: RunLog) -> LogScene:
         # At the start of the run, as the division of steps follows from the rates of servos there.
         data = initial_state(scenario, system).data
         pairs, limits = resolve_contacts(scenario.contacts, system).pairs, joint_limits(scenario, system)
-        held = held_systems(scenario, system, lambda grasp, _: compile_log(log, grasp=grasp))
-        return LogScene(scenario, build_plant(scenario, system, data, pairs, limits, held, task_of(scenario, system)))
+        grasped = grasped_systems_of(scenario, system, lambda grasp, _: compile_log(log, grasp=grasp))
+        return LogScene(scenario, build_plant(scenario, system, data, pairs, limits, grasped, task_of(scenario, system)))
     except ScenarioFaults as error:
         raise InputError([f"{'.'.join(map(str, fault.path))}: {fault.message}" for fault in error.faults]) from error
 

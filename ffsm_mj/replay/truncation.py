@@ -183,7 +183,7 @@ class _Refining(LogReplay):
             limits: What ends the analysis early.
         """
         super().__init__(scene, log)
-        self._flight = None  # every step is made in parts
+        self._logged_motion = None  # every step is made in parts
         self._error = StepError(scene.plant.system, scene.plant.data, scene.plant.balance)
         self._limits, self._samples, self._expected = limits, 0, scene.scenario.ticks + 1
         self._so_far, self._bound = np.zeros((2, _RESIDUALS)), np.zeros(len(ENTRIES))
@@ -198,7 +198,7 @@ class _Refining(LogReplay):
     def orders(self) -> dict[tuple[str, str], float]:
         """By entry, the median of the orders of the steps that show one: a kink inside a step lowers that of this step."""
         shown = zip(ENTRIES, self._powers, strict=True)
-        return {entry: statistics.median(each) for entry, each in shown if len(each) >= _STEPS_OF_AN_ORDER}
+        return {entry: statistics.median(item) for entry, item in shown if len(item) >= _STEPS_OF_AN_ORDER}
 
     def _take(self, block: FloatArray, ticks: npt.NDArray[np.int64]) -> FloatArray:
         self._first = len(self.corrections)

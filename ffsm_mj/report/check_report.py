@@ -78,8 +78,8 @@ def verdict(run: Run, checks: Sequence[Check]) -> str:
     """One line: which checks failed, or that all passed."""
     broken = [f"{check.name} of {check.subsystem}" for check in checks if not (check.passes or check.fails_by_truncation)]
     short = [f"{check.name} of {check.subsystem}" for check in checks if check.fails_by_truncation]
-    found = [("FAILED", broken), ("checks fail by the truncation of the step alone", short)]
-    words = "; ".join(f"{head}: {_listed(names)}" for head, names in found if names) or f"all {len(checks)} checks pass"
+    verdicts = [("FAILED", broken), ("checks fail by the truncation of the step alone", short)]
+    words = "; ".join(f"{head}: {_listed(names)}" for head, names in verdicts if names) or f"all {len(checks)} checks pass"
     return f"{words} over {run.digest.end_s:g} s ({run.digest.samples} samples)"
 
 

@@ -22,23 +22,25 @@ _WORDS = {"subsystem": "{}", "total": "total", "outside": "from outside"} | dict
 
 def momentum_line(run: Run) -> str:
     """One line on wheels and thrusters; empty for a run in which they took nothing."""
-    found = angular_momentum(run)
-    if found is None or not any(_took(each) for each in found["actuators"].values()):
+    momentum = angular_momentum(run)
+    if momentum is None or not any(_took(change) for change in momentum["actuators"].values()):
         return ""
-    taken = ", ".join(
-        f"{one_line(name)} {_norm(each['taken_N_m_s']):.4g}" for name, each in found["actuators"].items() if _took(each)
+    exchanged = ", ".join(
+        f"{one_line(name)} {_norm(change['taken_N_m_s']):.4g}"
+        for name, change in momentum["actuators"].items()
+        if _took(change)
     )
-    rest = f"{found['stack_without_wheels_N_m_s']:.4g} in the stack without its wheels"
+    rest = f"{momentum['stack_without_wheels_N_m_s']:.4g} in the stack without its wheels"
     return (
-        f"angular momentum: {_norm(found['initial_N_m_s']):.4g} N m s at the start, "
-        f"{_norm(found['final_N_m_s']):.4g} at the end, {rest}; taken by {taken}; {momentum_residual(run)}"
+        f"angular momentum: {_norm(momentum['initial_N_m_s']):.4g} N m s at the start, "
+        f"{_norm(momentum['final_N_m_s']):.4g} at the end, {rest}; taken by {exchanged}; {momentum_residual(run)}"
     )
 
 
 def momentum_residual(run: Run) -> str:
     """The residual of the sum."""
-    found = angular_momentum(run)
-    return "" if found is None else f"residual {found['residual_N_m_s']:.1e} N m s"
+    momentum = angular_momentum(run)
+    return "" if momentum is None else f"residual {momentum['residual_N_m_s']:.1e} N m s"
 
 
 def momentum_table(run: Run) -> str:

@@ -108,7 +108,7 @@ def _followed_m(subject: Subject, rows: Sequence[int]) -> float:
 def _robot(subject: Subject, row: int, plane: Plane) -> FloatArray:
     """Corners of the box around the robot in a row, (2, 2), m."""
     name = subject.system.robot.name
-    shapes = [each for each in subject.silhouette.outlines(subject.run.qpos[row], plane) if each.tree == name]
+    shapes = [outline for outline in subject.silhouette.outlines(subject.run.qpos[row], plane) if outline.tree == name]
     points = np.vstack([shape.points for shape in shapes] or [subject.roots[name][:1, plane.axes]])
     return np.array((points.min(axis=0), points.max(axis=0)))
 

@@ -145,7 +145,10 @@ def unhandled_table(contacts: Sequence[UnhandledContactRecord], *, most: int = M
     if not contacts:
         return ""
     head = ("unhandled contact", "and", "from\ns", "to\ns", "depth\nm")
-    rows = ((*each.geoms, f"{each.start_s:.3f}", f"{each.end_s:.3f}", f"{each.max_depth_m:.2e}") for each in contacts[:most])
+    rows = (
+        (*contact.geoms, f"{contact.start_s:.3f}", f"{contact.end_s:.3f}", f"{contact.max_depth_m:.2e}")
+        for contact in contacts[:most]
+    )
     remedy = "  these contacts had no forces: resolve them by a rule of contacts.rules, or list them in contacts.ignored"
     return f"{table(head, rows)}{_and_more(contacts, most)}\n{remedy}"
 

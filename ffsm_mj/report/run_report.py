@@ -68,8 +68,8 @@ def _failures(run: Run, explained: ExplainedChecks, notes: Sequence[str], most: 
 def _counts(run: Run) -> str:
     """Numbers of records by kind, where there is no room for the records."""
     kinds = {kind.plural: kind.name for kind in run.log.kinds}
-    found = ((len(records), kinds.get(name, name) if len(records) == 1 else name) for name, records in run.records.items())
-    counted = ", ".join(f"{count} {name.replace('_', ' ')}" for count, name in found if count)
+    counts = ((len(records), kinds.get(name, name) if len(records) == 1 else name) for name, records in run.records.items())
+    counted = ", ".join(f"{count} {name.replace('_', ' ')}" for count, name in counts if count)
     return f"records, shown by analyze: {counted}"
 
 
@@ -154,10 +154,10 @@ def _missed_phases(run: Run) -> str:
 def _notes_of_laws(run: Run) -> str:
     """Notes in the reports of control laws; empty without any."""
     phases = run.summary()["controller"]["phases"]
-    notes = ((each, name, text) for each in phases for name, text in each["reports"].items())
+    notes = ((one, name, text) for one in phases for name, text in one["reports"].items())
     lines = (
-        one_line(f"phase {each['name']!r} ({each['kind']}): {text}")
-        for each, name, text in notes
+        one_line(f"phase {note['name']!r} ({note['kind']}): {text}")
+        for note, name, text in notes
         if name.rpartition(": ")[2] == "note" or name.endswith("_note")
     )
     return "\n".join(dict.fromkeys(lines))  # a phase that was entered again reports once

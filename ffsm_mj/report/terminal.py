@@ -18,6 +18,8 @@ _LEAST_TEXT = 10
 """Texts in tables are not folded to less than this."""
 _UNIT = re.compile(r"(?<=\d) (?=[A-Za-z/^]{1,5}(?!\w))|(?<=\bN) (?=[ms]\b)|(?<=\bN m) (?=s\b)|(?<=\bkg) (?=m)")
 """Blanks between a number and its unit, and within a unit."""
+_COMPONENTS = re.compile(r"(?:(?<=\.\d{3})|(?<=\.\d{4})) +(?=-?\d+\.\d)")
+"""Blanks between the components of a vector or a quaternion, which have three or four decimals."""
 _FIRM = "\N{NO-BREAK SPACE}"
 
 
@@ -28,7 +30,7 @@ def terminal_width(stream: TextIO | None = None) -> int | None:
 
 
 def wrapped(text: str, stream: TextIO | None = None) -> str:
-    """Lines wrapped at the width of the terminal, not between a number and its unit, their continuations indented."""
+    """Lines wrapped at the width of the terminal, not between a number and its unit or the next component."""
     room = terminal_width() if stream is None else terminal_width(stream)
     if room is None:
         return text
@@ -36,7 +38,7 @@ def wrapped(text: str, stream: TextIO | None = None) -> str:
     for line in text.split("\n"):
         if len(line) > room:
             indent = " " * (len(line) - len(line.lstrip()) + 2)
-            firm = _UNIT.sub(_FIRM, line)
+            firm = _COMPONENTS.sub(lambda blanks: _FIRM * len(blanks[0]), _UNIT.sub(_FIRM, line))
             line = fill(firm, room, subsequent_indent=indent, break_on_hyphens=False, break_long_words=False)  # noqa: PLW2901
         lines.append(line.replace(_FIRM, " "))
     return "\n".join(lines)

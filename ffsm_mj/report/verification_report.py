@@ -164,4 +164,4 @@ def stated_sensitivity(run: Run) -> list[str]:
         return []
     if not isinstance(sentences, list):
         return []
-    return [one_line(each) for each in sentences[:_MOST_SENTENCES] if isinstance(each, str)]
+    return [one_line(sentence) for sentence in sentences[:_MOST_SENTENCES] if isinstance(sentence, str)]

@@ -53,7 +53,7 @@ def _paths(node: Any, definitions: Mapping[str, Any], data: Any, above: tuple[st
                 if data is not _UNKNOWN:
                     yield (*above, name)
                 yield from _paths(node[key], definitions, inner, (*above, name))
-    for branch in (each for name in _BRANCHES for each in node.get(name, ())):
+    for branch in (child for name in _BRANCHES for child in node.get(name, ())):
         if _is_in_use(branch, definitions, data):
             yield from _paths(branch, definitions, data, above)
 
@@ -80,8 +80,8 @@ def _is_in_use(branch: Any, definitions: Mapping[str, Any], data: Any) -> bool:
 
 def nested_key(name: str, schema: Mapping[str, Any]) -> str:
     """Dotted path of the key of this name that is nested least deep, e.g. ``task.target_m``; empty if there is none."""
-    found = sorted((path for path in key_paths(schema) if path[-1] == name and len(path) > 1), key=len)
-    return ".".join(found[0]).replace(ANY, "NAME") if found else ""
+    paths = sorted((path for path in key_paths(schema) if path[-1] == name and len(path) > 1), key=len)
+    return ".".join(paths[0]).replace(ANY, "NAME") if paths else ""
 
 
 _ALMOST_EQUAL = 0.85

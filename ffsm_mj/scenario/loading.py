@@ -110,22 +110,22 @@ def with_plugins(scenario: ScenarioConfig) -> ScenarioConfig:
     return scenario.model_copy(update=changes) if changes else scenario
 
 
-def _configs(given: Sequence[Any], plugins: Plugins[Any], faults: Faults, *path: str) -> tuple[StrictModel, ...]:
+def _configs(values: Sequence[Any], plugins: Plugins[Any], faults: Faults, *path: str) -> tuple[StrictModel, ...]:
     """Validated configurations of plug-ins at a path."""
     configs: list[StrictModel] = []
-    for i, each in enumerate(given):
+    for i, value in enumerate(values):
         with faults.below(*path, i):
-            configs.append(each if isinstance(each, StrictModel) else _config(each, plugins))
+            configs.append(value if isinstance(value, StrictModel) else _config(value, plugins))
     return tuple(configs)
 
 
-def _config(given: Any, plugins: Plugins[Any]) -> StrictModel:
-    if not isinstance(given, Mapping) or not isinstance(given.get("kind"), str):
+def _config(value: Any, plugins: Plugins[Any]) -> StrictModel:
+    if not isinstance(value, Mapping) or not isinstance(value.get("kind"), str):
         raise LookupError(f"needs a 'kind'; allowed: {', '.join(sorted(plugins.every())) or 'none is installed'}")
     with faults_below("kind"):
-        config: type[StrictModel] = plugins.named(given["kind"]).Config
+        config: type[StrictModel] = plugins.named(value["kind"]).Config
     try:
-        return config.model_validate(given)
+        return config.model_validate(value)
     except ValidationError as error:
         raise ScenarioFaults(plain_faults(error, KindNames(config, (), (), {}))) from error
 
@@ -143,7 +143,7 @@ def fault_of_ending(until: str | None, configs: tuple[Any, ...], *, grasps: bool
     return "" if until is None or until in allowed else unknown_name("end of a phase", until, allowed)
 
 
-_OWN = "ffsm_controllers"
+_BUILT_IN = "ffsm_controllers"
 
 
 def grasp_faults(scenario: ScenarioConfig) -> list[Fault]:
@@ -212,7 +212,7 @@ def _sites(scenario: ScenarioConfig, name: str) -> tuple[str, str]:
 def _asks_for_nothing(phase: PhaseConfig) -> bool:
     """Whether the phase's control laws certainly request no grasp or release: built-in ones do not, others may."""
     classes = [kinds().classes.get(law.kind) for law in phase.laws.values()]
-    return all(law is not None and law.__module__.partition(".")[0] == _OWN for law in classes)
+    return all(law is not None and law.__module__.partition(".")[0] == _BUILT_IN for law in classes)
 
 
 _MOST_FRAMES = 1e6
@@ -222,7 +222,7 @@ def load_scenario(
     path: Path,
     overrides: Sequence[str] = (),
     laws: Mapping[str, Any] = MappingProxyType({}),
-    own_estimators: Mapping[str, Any] = MappingProxyType({}),
+    estimator_classes: Mapping[str, Any] = MappingProxyType({}),
 ) -> tuple[ScenarioConfig, YamlSource]:
     """Read and validate a scenario.
 
@@ -230,7 +230,7 @@ def load_scenario(
         path: The file.
         overrides: ``key=value`` each.
         laws: Control laws of a script, classes by kind.
-        own_estimators: Estimators of a script, likewise.
+        estimator_classes: Estimators of a script, likewise.
 
     Returns:
         The scenario and its source, which knows the location of each key.
@@ -238,19 +238,19 @@ def load_scenario(
     Raises:
         InputError: One line per fault, with file, line and column.
     """
-    refuse_own_classes(laws, own_estimators)
+    refuse_wrong_classes(laws, estimator_classes)
     source = read_yaml(path, overrides)
-    return validated(source, laws, own_estimators), source
+    return validated(source, laws, estimator_classes), source
 
 
-def refuse_own_classes(laws: Mapping[str, Any], own_estimators: Mapping[str, Any]) -> None:
+def refuse_wrong_classes(laws: Mapping[str, Any], estimator_classes: Mapping[str, Any]) -> None:
     """Refuse classes of a script that are not control laws, or not estimators.
 
     Raises:
         InputError: One line per fault.
     """
     refuse_script_classes("controllers", laws, kinds().classes)
-    refuse_script_classes("estimators", own_estimators, {"truth", *estimators().classes})
+    refuse_script_classes("estimators", estimator_classes, {"truth", *estimators().classes})
 
 
 def stated_source(keys: Mapping[str, Any], name: str = "scenario") -> YamlSource:
@@ -288,21 +288,21 @@ def plain(value: Any, path: tuple[str, ...] = ()) -> Any:
 def validated(
     source: YamlSource,
     laws: Mapping[str, Any] = MappingProxyType({}),
-    own_estimators: Mapping[str, Any] = MappingProxyType({}),
+    estimator_classes: Mapping[str, Any] = MappingProxyType({}),
 ) -> ScenarioConfig:
     """Validate the data of a source.
 
     Args:
         source: Data and the location of each key.
         laws: Control laws of a script, classes by kind, already accepted by :func:`refuse_script_classes`.
-        own_estimators: Estimators of a script, likewise.
+        estimator_classes: Estimators of a script, likewise.
 
     Raises:
         InputError: One line per fault, with file, line and column.
     """
     source = with_scene(source)
     installed = kinds()
-    model = _model_with(laws, own_estimators) if laws or own_estimators else ScenarioConfig
+    model = _model_with(laws, estimator_classes) if laws or estimator_classes else ScenarioConfig
     try:
         scenario = model.model_validate(source.data)
     except ValidationError as error:
@@ -312,21 +312,23 @@ def validated(
             ACTUATOR_KINDS,
             installed.broken | estimators().broken,
             _script_laws(source.data),
-            {"truth", *estimators().classes, *own_estimators},
+            {"truth", *estimators().classes, *estimator_classes},
         )
         raise InputError(source.lines(plain_faults(error, kinds_known))) from error
     with source.locating():
-        scenario = with_plugins(_with_script_laws(scenario, laws, own_estimators))
+        scenario = with_plugins(_with_script_laws(scenario, laws, estimator_classes))
         if faults := _other_faults(scenario):
             raise ScenarioFaults(faults)
     return scenario
 
 
-def _model_with(laws: Mapping[str, Any], own_estimators: Mapping[str, Any]) -> type[ScenarioConfig]:
+def _model_with(laws: Mapping[str, Any], estimator_classes: Mapping[str, Any]) -> type[ScenarioConfig]:
     """Scenario model that accepts these beside what is installed."""
     law, estimator = (
-        chosen_by_kind(ChainMap({kind: config_of(each, kind) for kind, each in own.items()}, installed.configs, *others))
-        for own, installed, others in ((laws, kinds(), ()), (own_estimators, estimators(), ({"truth": TruthConfig},)))
+        chosen_by_kind(
+            ChainMap({kind: config_of(class_, kind) for kind, class_ in script.items()}, installed.configs, *others)
+        )
+        for script, installed, others in ((laws, kinds(), ()), (estimator_classes, estimators(), ({"truth": TruthConfig},)))
     )
     parts: Any = Annotated[dict[PartName, law], Field(min_length=1)] | None  # type: ignore[valid-type]
     name = PhaseConfig.__name__
@@ -348,25 +350,25 @@ def _script_laws(data: Any) -> tuple[str, ...]:
 
 
 def _with_script_laws(
-    scenario: ScenarioConfig, laws: Mapping[str, Any], own_estimators: Mapping[str, Any]
+    scenario: ScenarioConfig, laws: Mapping[str, Any], estimator_classes: Mapping[str, Any]
 ) -> ScenarioConfig:
     """Scenario that lists which of these laws and estimators it uses."""
-    if not laws and not own_estimators:
+    if not laws and not estimator_classes:
         return scenario.model_copy(update={"script_laws": None})
     used = tuple(kind for kind in laws if any(law.kind == kind for phase in scenario.phases for law in phase.laws.values()))
-    used += tuple(kind for kind in own_estimators if scenario.estimator.kind == kind)
+    used += tuple(kind for kind in estimator_classes if scenario.estimator.kind == kind)
     # Instances of importable classes can be pickled.
     phases = tuple(
         PhaseConfig.model_construct(
-            **dict(each)
+            **dict(one)
             | {
-                "controller": _importable(each.controller, laws),
-                "controllers": each.controllers and {name: _importable(law, laws) for name, law in each.controllers.items()},
+                "controller": _importable(one.controller, laws),
+                "controllers": one.controllers and {name: _importable(law, laws) for name, law in one.controllers.items()},
             }
         )
-        for each in scenario.phases
+        for one in scenario.phases
     )
-    estimator = _importable(scenario.estimator, own_estimators)
+    estimator = _importable(scenario.estimator, estimator_classes)
     changes = {"phases": phases, "estimator": estimator, "script_laws": used or None}
     return ScenarioConfig.model_construct(**dict(scenario) | changes)
 
@@ -374,13 +376,13 @@ def _with_script_laws(
 def _other_faults(scenario: ScenarioConfig) -> list[Fault]:
     """Faults of keys that do not fit each other."""
     faults = Faults()
-    faults.found += [*timing_faults(scenario), *_impact_law_faults(scenario)]
+    faults.collected += [*timing_faults(scenario), *_impact_law_faults(scenario)]
     frames = min(scenario.duration_s / scenario.control_period_s, scenario.duration_s * scenario.log.view_rate_hz)
-    if frames > _MOST_FRAMES and not faults.found:
+    if frames > _MOST_FRAMES and not faults.collected:
         faults.add(f"gives {frames:.3g} frames for viewers; at most {_MOST_FRAMES:g}", "log", "view_rate_hz")
     around = scenario.environment
     if around is not None:
-        faults.found += environment_faults(around)
+        faults.collected += environment_faults(around)
     if scenario.initial.frame != "world" and (around is None or around.orbit is None):
         faults.add("needs 'environment.orbit': LVLH are axes on an orbit", "initial", "frame")
     if scenario.extends is not None:
@@ -392,15 +394,15 @@ def _other_faults(scenario: ScenarioConfig) -> list[Fault]:
         for tree in set(getattr(scenario, key)).difference(trees):
             faults.add(unknown_name("model", tree, trees), key, tree)
     for i, phase in enumerate(scenario.phases):
-        with faults.below("phases", i), Faults() as own:
-            _check_phase(scenario, i, phase, own)
+        with faults.below("phases", i), Faults() as of_phase:
+            _check_phase(scenario, i, phase, of_phase)
     graph = graph_faults(scenario.phases) if is_branching(scenario.phases) else []
-    return [*faults.found, *grasp_faults(scenario), *graph]
+    return [*faults.collected, *grasp_faults(scenario), *graph]
 
 
 def _check_phase(scenario: ScenarioConfig, i: int, phase: PhaseConfig, faults: Faults) -> None:
     """Add faults of a phase at position i that depend on other keys; paths in the phase."""
-    if phase.name in [each.name for each in scenario.phases[:i]]:
+    if phase.name in [earlier.name for earlier in scenario.phases[:i]]:
         faults.add(f"another phase has the name {phase.name!r}", "name")
     for end in phase.ends:
         if fault := fault_of_ending(end.event, scenario.contact_models, grasps=bool(scenario.grasps)):

@@ -50,9 +50,9 @@ class SiteConfig(StrictModel):
     """Position in the body's frame, m."""
 
 
-def _source(given: Any, as_path: ValidatorFunctionWrapHandler) -> Any:
+def _source(value: Any, as_path: ValidatorFunctionWrapHandler) -> Any:
     try:
-        kept = inline_model(given)
+        kept = inline_model(value)
     except InputError as error:
         raise ValueError(" ".join(error.lines)) from error
     if not isinstance(kept, (str, PurePath, InlineModel)):
@@ -159,7 +159,7 @@ class Model(OfFile):
 SCENE = "scene"
 SURROUNDINGS = "surroundings"
 """Name of the object that is everything that the file fixes to the world."""
-_TAKEN = ("robot", "world", SURROUNDINGS)
+_RESERVED = ("robot", "world", SURROUNDINGS)
 _SIZES = {mujoco.mjtJoint.mjJNT_FREE: (7, 6), mujoco.mjtJoint.mjJNT_BALL: (4, 3)}
 """Numbers of coordinates and rates of a joint; one each for others."""
 
@@ -191,18 +191,18 @@ def with_scene(source: YamlSource) -> YamlSource:
         config = _config(data[SCENE])
         written = _written(config, _read(config, source.folder((SCENE, "mjcf"))), source)
     except ScenarioFaults as faulty:
-        raise InputError(source.lines(Fault(each.message, (SCENE, *each.path)) for each in faulty.faults)) from faulty
+        raise InputError(source.lines(Fault(fault.message, (SCENE, *fault.path)) for fault in faulty.faults)) from faulty
     return source.with_data(_merged(written, {key: value for key, value in data.items() if key != SCENE}))
 
 
-def _config(given: Any) -> SceneConfig:
+def _config(value: Any) -> SceneConfig:
     """The key itself.
 
     Raises:
         ScenarioFaults: It is not valid.
     """
     try:
-        return SceneConfig.model_validate(given)
+        return SceneConfig.model_validate(value)
     except ValidationError as error:
         raise ScenarioFaults(plain_faults(error, KindNames(SceneConfig, (), (), {}))) from error
 
@@ -218,7 +218,7 @@ def _read(config: SceneConfig, folder: Path) -> Any:
     path = Path(os.path.normpath(folder / ("scene.xml" if inline else str(config.model))))
     if inline is None and not path.is_file():
         raise ScenarioFaults([Fault(f"no such model file: {path}", ("mjcf",))])
-    folders = [Path(os.path.normpath(folder / each)) for each in config.asset_folders]
+    folders = [Path(os.path.normpath(folder / subfolder)) for subfolder in config.asset_folders]
     files: ModelFiles = read_model(path, folders, (), inline.files(path.name) if inline else {})
     with mujoco.MjVfs() as vfs, collected_warnings([]), catch_warnings(action="ignore"):
         return load_spec(files, vfs)
@@ -240,7 +240,7 @@ def _written(config: SceneConfig, spec: Any, source: YamlSource) -> dict[str, An
     def of(body: str, *keys: str) -> dict[str, Any]:
         # Paths are relative to the file that sets a key, which may be another one than that of the scene.
         away = os.path.relpath(source.folder((SCENE, "mjcf")), source.folder((*keys, "mjcf")))
-        folders = [os.path.normpath(os.path.join(away, each)) for each in config.asset_folders]
+        folders = [os.path.normpath(os.path.join(away, subfolder)) for subfolder in config.asset_folders]
         inline = isinstance(config.model, InlineModel)
         model = config.model if inline else os.path.normpath(os.path.join(away, str(config.model)))
         return {"mjcf": model, "body": body, **({"asset_folders": folders} if folders else {})}
@@ -258,12 +258,14 @@ def _written(config: SceneConfig, spec: Any, source: YamlSource) -> dict[str, An
 
 def _object_names(roots: list[str], robot: str) -> Iterator[tuple[str, str]]:
     """Root body and name of each object: of letters, digits, ``_`` and ``-``, as a scenario's objects are."""
-    taken = set(_TAKEN)
+    used = set(_RESERVED)
     for body in roots:
         if body != robot:
             plain = re.sub(r"[^A-Za-z0-9_-]", "_", body)
-            name = next(each for each in (plain, *(f"{plain}_{i}" for i in range(2, 10_000))) if each not in taken)
-            taken.add(name)
+            name = next(
+                candidate for candidate in (plain, *(f"{plain}_{i}" for i in range(2, 10_000))) if candidate not in used
+            )
+            used.add(name)
             yield body, name
 
 
@@ -273,7 +275,7 @@ def _initial(spec: Any, key: Any, roots: Collection[str]) -> dict[str, dict[str,
     Raises:
         ScenarioFaults: It has numbers of other joints.
     """
-    found: dict[str, dict[str, Any]] = {"joints": {}, "rates": {}}
+    start: dict[str, dict[str, Any]] = {"joints": {}, "rates": {}}
     for what, numbers, which in (("joints", list(key.qpos), 0), ("rates", list(key.qvel), 1)):
         at = 0
         for root, joint in _joints(spec) if numbers else ():
@@ -281,11 +283,11 @@ def _initial(spec: Any, key: Any, roots: Collection[str]) -> dict[str, dict[str,
             values = [float(value) for value in numbers[at : at + size]]
             at += size
             if len(values) == size and root in roots:
-                found[what][joint.name] = values if size > 1 else values[0]
+                start[what][joint.name] = values if size > 1 else values[0]
         if at != len(numbers):
             message = f"keyframe {key.name!r} has {len(numbers)} numbers for {at} {what} of its file"
             raise ScenarioFaults([Fault(message, ("mjcf",))])
-    return found
+    return start
 
 
 def _joints(spec: Any) -> Iterator[tuple[str, Any]]:
@@ -298,10 +300,10 @@ def _joints(spec: Any) -> Iterator[tuple[str, Any]]:
             waiting += reversed(body.bodies)
 
 
-def _merged(written: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+def _merged(written: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     """What a file says, with what the scenario says on top; an object that is null there is left out."""
     merged = dict(written)
-    for key, value in given.items():
+    for key, value in changes.items():
         both = isinstance(value, Mapping) and isinstance(merged.get(key), Mapping)
         merged[key] = _merged(merged[key], value) if both else value
     return {key: value for key, value in merged.items() if value is not None}

@@ -129,8 +129,8 @@ class PhaseConfig(StrictModel):
 
     def _fault_of_ends(self) -> str:
         """What is wrong with the ends of the phase as a whole; empty if nothing is."""
-        given = {"time": ("for_s", self.for_s), "stop_when": ("stop_when", self.stop_when)}
-        needs = given | {"settled": ("settled", self.settled)}
+        ends = {"time": ("for_s", self.for_s), "stop_when": ("stop_when", self.stop_when)}
+        needs = ends | {"settled": ("settled", self.settled)}
         faults = [
             f"'on: {trigger}' needs {key!r}" for trigger, (key, value) in needs.items() if trigger in self.on and not value
         ]
@@ -143,25 +143,25 @@ class PhaseConfig(StrictModel):
         if self.until != "settled" and "settled" not in self.on and self.settled is not None:
             faults.append("'settled' has no effect without 'until: settled'; leave it out")
         if self.until == "end":
-            without = [key for trigger, (key, value) in given.items() if value is not None and trigger not in self.on]
+            without = [key for trigger, (key, value) in ends.items() if value is not None and trigger not in self.on]
             faults += [f"{key!r} has no effect with 'until: end'; leave one of them out" for key in without]
         return faults[0] if faults else ""
 
     @property
     def ends(self) -> list[PhaseEnd]:
         """What ends the phase, in the order in which it counts at one instant; empty if only the end of the run does."""
-        found = [
+        phase_ends = [
             PhaseEnd(("on", name), name, to)
             if isinstance(to, str)
             else PhaseEnd(("on", name), SensorEndConfig(sensor=name, above=to.above, below=to.below), to.phase)
             for name, to in self.on.items()
         ]
         if self.until is not None and self.until != "end":
-            found.append(PhaseEnd(("until",), self.until, None))
-        for trigger, key, given in (("stop_when", "stop_when", self.stop_when), ("time", "for_s", self.for_s)):
-            if given is not None and trigger not in self.on:
-                found.append(PhaseEnd((key,), trigger, None))
-        return found
+            phase_ends.append(PhaseEnd(("until",), self.until, None))
+        for trigger, key, value in (("stop_when", "stop_when", self.stop_when), ("time", "for_s", self.for_s)):
+            if value is not None and trigger not in self.on:
+                phase_ends.append(PhaseEnd((key,), trigger, None))
+        return phase_ends
 
     @property
     def laws(self) -> dict[tuple[str, ...], Any]:
@@ -200,13 +200,13 @@ def is_branching(phases: Sequence[PhaseConfig]) -> bool:
 def phase_edges(phases: Sequence[PhaseConfig]) -> list[PhaseEdge]:
     """Ways between phases, in the order in which they count; without those to phases that do not exist."""
     names = [phase.name for phase in phases]
-    found = []
+    edges = []
     for i, phase in enumerate(phases):
         for end in phase.ends:
             to = i + 1 if end.to is None else names.index(end.to) if end.to in names else len(names)
             if to < len(names):
-                found.append(PhaseEdge(i, end, to))
-    return found
+                edges.append(PhaseEdge(i, end, to))
+    return edges
 
 
 def trigger_text(phase: PhaseConfig, end: PhaseEnd) -> str:
@@ -224,12 +224,12 @@ def graph_lines(phases: Sequence[PhaseConfig]) -> list[str]:
     edges, lines = phase_edges(phases), []
     for i, phase in enumerate(phases):
         lines.append(f"{phase.name} ({phase.kind})")
-        own = [edge for edge in edges if edge.start == i]
-        for k, edge in enumerate(own):
-            stem = "└─" if k == len(own) - 1 else "├─"
+        leaving = [edge for edge in edges if edge.start == i]
+        for k, edge in enumerate(leaving):
+            stem = "└─" if k == len(leaving) - 1 else "├─"
             back = " (again)" if edge.to <= i else ""
             lines.append(f"  {stem} {trigger_text(phase, edge.end)} → {phases[edge.to].name}{back}")
-        if not own:
+        if not leaving:
             lines.append("  └─ end of the run")
     return lines
 
@@ -248,9 +248,9 @@ def graph_faults(phases: Sequence[PhaseConfig]) -> list[Fault]:
     edges = phase_edges(phases)
     reached, waiting = {0}, [0]
     while waiting:
-        here = waiting.pop()
+        node = waiting.pop()
         for edge in edges:
-            if edge.start == here and edge.to not in reached:
+            if edge.start == node and edge.to not in reached:
                 reached.add(edge.to)
                 waiting.append(edge.to)
     faults += [
@@ -285,7 +285,7 @@ def _loops(way: list[PhaseEdge], edges: Sequence[PhaseEdge]) -> Iterator[list[Ph
         yield way
         return
     for edge in edges:
-        if edge.start == way[-1].to and all(edge.to != each.to for each in way):
+        if edge.start == way[-1].to and all(edge.to != passed.to for passed in way):
             yield from _loops([*way, edge], edges)
 
 

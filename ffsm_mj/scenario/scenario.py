@@ -63,7 +63,7 @@ class TrajectoryConfig(StrictModel):
 
     @model_validator(mode="after")
     def _is_one_motion(self) -> TrajectoryConfig:
-        if sum(given is not None for given in (self.waypoints, self.file, self.site)) != 1:
+        if sum(choice is not None for choice in (self.waypoints, self.file, self.site)) != 1:
             raise ValueError("needs 'waypoints', 'file' or 'site', one of the three")
         if self.site is None and self.offset_m != (0.0, 0.0, 0.0):
             raise ValueError("'offset_m' has no effect without 'site'; leave it out")
@@ -106,11 +106,13 @@ class TruthConfig(StrictModel):
     kind: Literal["truth"]
 
 
-class ToldAboveConfig(StrictModel):
-    """Impacts of which control laws are told."""
+class ImpactFeedbackConfig(StrictModel):
+    """Which impacts call the control laws and are reported to them."""
 
-    above_N_s: Annotated[float, Field(ge=0.0)]
-    """Least impulse, N s; of contacts that begin or end, stick or slip, nothing is told."""
+    refused_keys: ClassVar = {"above": "the bound is min_impulse_N_s"}
+
+    min_impulse_N_s: Annotated[float, Field(ge=0.0)]
+    """Least impulse, N s; contacts that begin or end, stick or slip are not reported."""
 
 
 if TYPE_CHECKING:
@@ -235,7 +237,10 @@ class ScenarioConfig(StrictModel):
     """Keys of a scenario file: a run of one robot and its objects."""
 
     model_config = ConfigDict(title="Scenario")
-    refused_keys: ClassVar = {"captures": "grasps are declared under 'grasps'"}
+    refused_keys: ClassVar = {
+        "captures": "grasps are declared under 'grasps'",
+        "told_of_impacts": "which impacts are reported to control laws is set by 'impact_feedback'",
+    }
 
     extends: Name | None = None
     """Scenario to extend: a YAML file relative to this one, or the name of a shipped scenario."""
@@ -280,8 +285,8 @@ class ScenarioConfig(StrictModel):
     """Seed of all random numbers of the run."""
     estimator: SerializeAsAny[EstimatorConfig] = TruthConfig(kind="truth")
     """Where control laws take the state from, chosen by ``kind``; ``truth``: the true state."""
-    told_of_impacts: bool | ToldAboveConfig = True
-    """Whether control laws are called at impacts and other contact events, and told of them; or of impacts above a bound."""
+    impact_feedback: bool | ImpactFeedbackConfig = True
+    """Whether impacts and other contact events call the control laws and are reported to them, or only hard impacts."""
     task: TaskConfig | None = None
     joint_limits: dict[Name, JointLimitConfig] = {}
     """Restitution of joints that stop at limits, by joint; default: 0."""
@@ -316,10 +321,10 @@ class ScenarioConfig(StrictModel):
         return bool(self.robot.joint_flex) and self.controller_joints == "rigid"
 
     @property
-    def told_above_N_s(self) -> float | None:
-        """Least impulse of an impact of which control laws are told, N s; -inf: of all events of contacts; None: of none."""
-        told = self.told_of_impacts
-        return (-math.inf if told else None) if isinstance(told, bool) else told.above_N_s
+    def feedback_impulse_N_s(self) -> float | None:
+        """Least impulse of the impacts that are reported, N s; -inf: all contact events are; None: none."""
+        feedback = self.impact_feedback
+        return (-math.inf if feedback else None) if isinstance(feedback, bool) else feedback.min_impulse_N_s
 
     @property
     def steps_per_tick(self) -> int:

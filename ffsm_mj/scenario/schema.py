@@ -60,13 +60,13 @@ def _loosen(name: str, models: dict[str, Any], changes: dict[str, Any]) -> None:
     schema["required"] = ["name"] if name in _NAMED_ITEMS and "name" in schema.get("required", ()) else []
     if "oneOf" in schema:  # an item that names one of the parent's may omit what this requires
         schema["anyOf"] = [{"required": ["name"]}, *schema.pop("oneOf")]
-    for found in _loose(schema):
-        _loosen(found, models, changes)
+    for part in _loose(schema):
+        _loosen(part, models, changes)
 
 
 def _loose(node: Any) -> list[str]:
     """Convert a schema, in place, into that of changes; return the models to which it now refers in that form."""
-    found = []
+    models = []
     if isinstance(node, list):
         return [name for item in node for name in _loose(item)]
     if not isinstance(node, dict):
@@ -74,15 +74,15 @@ def _loose(node: Any) -> list[str]:
     if "items" in node and node["items"].get("$ref", "").removeprefix(_REF) not in _NAMED_ITEMS:
         return []  # a list replaces the parent's, so its items are complete
     if "$ref" in node:
-        found.append(node["$ref"].removeprefix(_REF))
+        models.append(node["$ref"].removeprefix(_REF))
         node["$ref"] += _CHANGES
     if "discriminator" in node:  # without a kind, the parent's applies, and more than one member may fit
         del node["discriminator"]
         node["anyOf"] = node.pop("oneOf")
     for part in (list(node.get("properties", {}).values()), node.get("items"), node.get("anyOf")):
-        found += _loose(part)
+        models += _loose(part)
     entries = node.get("additionalProperties")
     if isinstance(entries, dict):
-        found += _loose(entries)
+        models += _loose(entries)
         node["additionalProperties"] = {"anyOf": [entries, {"type": "null"}]}
-    return found
+    return models

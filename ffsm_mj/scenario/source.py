@@ -151,10 +151,10 @@ class YamlSource:
         """``file:line:col: path.to.key: what is wrong``; for a key of an override, the override in place of the file."""
         name = ".".join(str(part) for part in fault.path)
         label = f"{name}: " if name else ""
-        found = [path for path in self._overrides if _on_one_line(path, fault.path)]
-        if found or (found := [path for path in self._overrides if self._makes(path, fault.path)]):
+        overriding = [path for path in self._overrides if _on_one_line(path, fault.path)]
+        if overriding or (overriding := [path for path in self._overrides if self._makes(path, fault.path)]):
             # The override of the key itself rather than that of a mapping around it.
-            return f"{override(self._overrides[max(found, key=len)])}: {label}{fault.message}"
+            return f"{override(self._overrides[max(overriding, key=len)])}: {label}{fault.message}"
         return f"{self._root.find(fault.path).place}: {label}{fault.message}" if self._root else f"{label}{fault.message}"
 
     def _makes(self, path: KeyPath, key: KeyPath) -> bool:
@@ -233,39 +233,41 @@ def _sets_kind(text: str) -> bool:
     return text.partition("=")[0].strip().rpartition(".")[2] == _KIND
 
 
-def _apply(source: YamlSource, given: str) -> None:
-    key, equals, text = given.partition("=")
+def _apply(source: YamlSource, override_text: str) -> None:
+    key, equals, text = override_text.partition("=")
     if not equals or not key.strip():
-        raise InputError(f"{override(given)}: an override is written key=value, e.g. task.target_m='[3, 0]'")
+        raise InputError(f"{override(override_text)}: an override is written key=value, e.g. task.target_m='[3, 0]'")
     try:
         value = plain_value(text)
     except YamlFault as fault:
-        raise InputError(f"{override(given)}: in the value: {fault.problem}") from fault
+        raise InputError(f"{override(override_text)}: in the value: {fault.problem}") from fault
     parts = key.strip().split(".")
     if len(parts) > MAX_DEPTH:
-        raise InputError(f"{override(given)}: the key has {len(parts)} parts; a scenario is at most {MAX_DEPTH} deep")
+        raise InputError(
+            f"{override(override_text)}: the key has {len(parts)} parts; a scenario is at most {MAX_DEPTH} deep"
+        )
     path: tuple[str | int, ...] = ()
     below: Any
     # Only what contains the key is copied: a campaign makes thousands of sources from the same data.
     node, done = copy(source.data), 0
     source.data = node
     while done < len(parts):
-        part, used = _step(node, parts, done, given)
+        part, used = _step(node, parts, done, override_text)
         path, done = (*path, part), done + used
         if part in ALTERNATIVES and path[:1] == ("phases",) and isinstance(node, dict) and value is not None:
             node.pop(ALTERNATIVES[1 - ALTERNATIVES.index(str(part))], None)  # as for 'extends'
         if done == len(parts):
             if part == _KIND and isinstance(node, dict) and node.get(part, value) != value:
                 node.clear()  # as for 'extends': the keys of another kind differ in meaning
-                source._overrides[path[:-1]] = given
+                source._overrides[path[:-1]] = override_text
             node[part] = value
         else:
             below = copy(node.get(part, {}) if isinstance(node, dict) else node[part])
             node[part], node = below, below
-    source._overrides[path] = given
+    source._overrides[path] = override_text
 
 
-def _step(node: Any, parts: Sequence[str], done: int, given: str) -> tuple[str | int, int]:
+def _step(node: Any, parts: Sequence[str], done: int, text: str) -> tuple[str | int, int]:
     """Next key or list position along the path of an override, and the number of its parts that it consumes.
 
     Raises:
@@ -275,7 +277,7 @@ def _step(node: Any, parts: Sequence[str], done: int, given: str) -> tuple[str |
     if isinstance(node, dict):
         return parts[done], 1
     if not isinstance(node, list):
-        raise InputError(f"{override(given)}: {where} is a scalar and has no {parts[done]!r}")
+        raise InputError(f"{override(text)}: {where} is a scalar and has no {parts[done]!r}")
     if _POSITION.fullmatch(parts[done]) and int(parts[done]) < len(node):
         return int(parts[done]), 1
     names = [element_name(element) for element in node]
@@ -288,5 +290,5 @@ def _step(node: Any, parts: Sequence[str], done: int, given: str) -> tuple[str |
     known = ", ".join(name for name in names if name)
     meant = did_you_mean(parts[done], filter(None, names))
     raise InputError(
-        f"{override(given)}: {where} is a list of {len(node)}{meant}: {positions}{known and f', its names {known}'}"
+        f"{override(text)}: {where} is a list of {len(node)}{meant}: {positions}{known and f', its names {known}'}"
     )

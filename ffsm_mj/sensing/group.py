@@ -175,7 +175,7 @@ class SensorGroup(Stateful):
         """Before the first sample; ``seed`` is that of the run."""
         self.sensors, self.layout = tuple(sensors), SampleLayout(sensors)
         self._errors = GroupErrors(sensors, seed, self.layout)
-        self._given = np.zeros(self.layout.size)
+        self._values = np.zeros(self.layout.size)
         self._first_s, self._interval_s = sensors[0].first_s, sensors[0].interval_s
         self.begin()
 
@@ -224,7 +224,7 @@ class SensorGroup(Stateful):
             hidden: Sensors, by their place in the group, whose target is not in view.
         """
         layout, number, time_s = self.layout, self.number, self.next_s
-        values = self._given
+        values = self._values
         values[layout.values] = values[layout.true] = true
         if layout.cells:
             forces = true[layout.summed]

@@ -58,14 +58,14 @@ class SensorReader:
         self._values = motion.data.sensordata
         self._groups = tuple(tuple(group) for group in groups)
         self.parts: list[slice] = []
-        self._own: dict[str, slice] = {}
+        self._parts: dict[str, slice] = {}
         there: list[int] = []
         order: list[int] = []
         end = 0
         for group in self._groups:
             start = end
             for sensor in group:
-                self._own[sensor.name] = slice(end, end + sensor.size)
+                self._parts[sensor.name] = slice(end, end + sensor.size)
                 # A sensor of a joint that a closed grasp has removed has no id: there is nothing to measure.
                 if (number := self._id(sensor)) >= 0:
                     there += range(end, end + sensor.size)
@@ -120,7 +120,7 @@ class SensorReader:
         there = [(sensor, number) for sensor, number in readings if number >= 0]
         needed = {int(self._model.sensor_needstage[number]) for _, number in there}
         touch = [
-            (self._own[sensor.name], int(self._model.sensor_objid[number]))
+            (self._parts[sensor.name], int(self._model.sensor_objid[number]))
             for sensor, number in there
             if sensor.model.kind == "touch"
         ]
@@ -211,7 +211,7 @@ class ImpulseReader:
         try:
             mujoco.mj_fwdPosition(model, still)
             mujoco.mj_fwdVelocity(model, still)
-            still.qacc[:] = motion.own_rates(jump)
+            still.qacc[:] = motion.model_rates(jump)
             apply_wrenches(motion, still, wrenches)
             mujoco.mj_rnePostConstraint(model, still)
             mujoco.mj_sensorAcc(model, still)

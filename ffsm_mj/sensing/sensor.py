@@ -165,8 +165,8 @@ def _sensor(model: ModelSensor, size: int, config: SensorConfig, control_period_
         delay_s=_first(config.delay_s, model.delay_s),
         delay_jitter_s=config.delay_jitter_s,
         misalignment=np.array(config.misalignment_rad),
-        scale=1.0 + _each(config.scale_error, errors),
-        bias=_each(config.bias, errors),
+        scale=1.0 + _per_component(config.scale_error, errors),
+        bias=_per_component(config.bias, errors),
         walk=config.bias_walk * interval**0.5,
         noise=noise,
         low=max(low, -cutoff),
@@ -182,7 +182,7 @@ def _first(stated: float | None, model: float) -> float:
     return model if stated is None else stated
 
 
-def _each(value: Components, count: int) -> FloatArray:
+def _per_component(value: Components, count: int) -> FloatArray:
     return np.broadcast_to(np.array(value, dtype=np.float64), count).copy()
 
 

@@ -104,8 +104,8 @@ class DelayedControl(Stateful, EventSource):
     def set_state(self, state: Any) -> None:
         """Go on from a state."""
         super().set_state(state)
-        self._under_way = deque(_Arrival(*each) for each in self._under_way)
-        self._sent = [None if each is None else _Arrival(*each) for each in self._sent]
+        self._under_way = deque(_Arrival(*fields) for fields in self._under_way)
+        self._sent = [None if fields is None else _Arrival(*fields) for fields in self._sent]
         self._look_ahead()
 
     def begin_tick(self, time_s: float, number: int) -> bool:
@@ -139,17 +139,17 @@ class DelayedControl(Stateful, EventSource):
 
     def _arrive(self, time_s: float) -> None:
         """Apply everything that has arrived at a time, the earliest first."""
-        due = [each for each in self._under_way if each.time_s <= time_s + SCHEDULED_S]
-        for arrival in sorted(due, key=lambda each: each.time_s):
+        due = [coming for coming in self._under_way if coming.time_s <= time_s + SCHEDULED_S]
+        for arrival in sorted(due, key=lambda coming: coming.time_s):
             self._effective.effort[arrival.actuators] = arrival.effort
             self._effective.powered[arrival.actuators] = arrival.powered
-        self._under_way = deque(each for each in self._under_way if each.time_s > time_s + SCHEDULED_S)
+        self._under_way = deque(coming for coming in self._under_way if coming.time_s > time_s + SCHEDULED_S)
         self._actuation.apply(self._effective, self.scene.data, time_s)
 
     def _next_s(self) -> float:
         """Time of the next event before the next tick of the time grid, which needs none."""
-        times = [self._late_tick_s, *(each.time_s for each in self._under_way)]
-        return min((each for each in times if each < self._next_tick_s - SCHEDULED_S), default=math.inf)
+        times = [self._late_tick_s, *(arrival.time_s for arrival in self._under_way)]
+        return min((time for time in times if time < self._next_tick_s - SCHEDULED_S), default=math.inf)
 
     def _look_ahead(self) -> None:
         """Ask to be consulted in every step while something is due before the next tick."""
@@ -197,7 +197,7 @@ class DelayedControl(Stateful, EventSource):
 
 
 def command_delays_s(
-    names: Sequence[str], of_model: Mapping[str, float], default_s: float, given: Mapping[str, float | None]
+    names: Sequence[str], of_model: Mapping[str, float], default_s: float, stated: Mapping[str, float | None]
 ) -> FloatArray:
     """Delay of each actuator, s, (nu,): its own in the scenario, that of its model file, or the default of the scenario.
 
@@ -205,10 +205,10 @@ def command_delays_s(
         names: Full names of the actuators.
         of_model: Delays in the model files by full name.
         default_s: Default of the scenario.
-        given: Delays in the scenario by full name; None: not given.
+        stated: Delays in the scenario by full name; None: not given.
     """
-    found = []
+    delays = []
     for name in names:
-        own = given.get(name)
-        found.append(own if own is not None else of_model.get(name, default_s))
-    return np.array(found, dtype=np.float64)
+        delay_s = stated.get(name)
+        delays.append(delay_s if delay_s is not None else of_model.get(name, default_s))
+    return np.array(delays, dtype=np.float64)

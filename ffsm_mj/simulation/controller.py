@@ -15,7 +15,7 @@ from ffsm_mj.controller_protocol import Command, LawInCore, Observation
 from ffsm_mj.errors import ControllerError, described, raised_at, unknown_name
 from ffsm_mj.model.driven_joints import needs_motors
 from ffsm_mj.records.columns import Columns
-from ffsm_mj.records.command import GivenCommand
+from ffsm_mj.records.command import ExternalCommand
 from ffsm_mj.records.contact_forces import ActiveContacts
 from ffsm_mj.records.events import ControllerReport, ImpactRecord, Outcome, PhaseRecord, RunEnded
 from ffsm_mj.records.run_kinds import EffortChange
@@ -31,7 +31,7 @@ class TaskController(Protocol):
     columns: tuple[Columns, ...]
     """Reports of the phases' controllers after the last call, NaN in the columns of other phases; the phase's position."""
 
-    given: GivenCommand | None
+    external: ExternalCommand | None
     """Command of the program that steps the simulation; None: the controllers of the phases command everything."""
 
     @property
@@ -85,26 +85,26 @@ class TaskController(Protocol):
 _OF_GRASPS = tuple(kind.record for kind in KINDS)
 
 
-def told_records(records: Sequence[Any], above_N_s: float | None) -> tuple[Any, ...]:
-    """Records of which the control law is told: of its own grasps always, of contacts as far as it is told of impacts.
+def reported_records(records: Sequence[Any], min_impulse_N_s: float | None) -> tuple[Any, ...]:
+    """Records that are reported to the control law: those of its grasps always, those of contacts as configured.
 
     Args:
         records: Records of one event.
-        above_N_s: Least impulse of an impact; -inf: all events are told; None: none of contacts.
+        min_impulse_N_s: Least impulse of an impact; -inf: all events are reported; None: none of contacts.
     """
     records = [record for record in records if not isinstance(record, EffortChange)]
-    if above_N_s == -math.inf:
+    if min_impulse_N_s == -math.inf:
         return tuple(records)
-    hard = above_N_s is not None and any(
-        isinstance(record, ImpactRecord) and record.impulse_N_s >= above_N_s for record in records
+    hard = min_impulse_N_s is not None and any(
+        isinstance(record, ImpactRecord) and record.impulse_N_s >= min_impulse_N_s for record in records
     )
     kinds = (*_OF_GRASPS, ImpactRecord) if hard else _OF_GRASPS
     return tuple(record for record in records if isinstance(record, kinds))
 
 
-def calls_controller(effect: EventEffect, told: Sequence[Any]) -> bool:
+def calls_controller(effect: EventEffect, reported: Sequence[Any]) -> bool:
     """Whether the controller is evaluated at an event of which it is told some records."""
-    return effect.is_tick or (effect.triggers_control and (bool(told) or not effect.records))
+    return effect.is_tick or (effect.triggers_control and (bool(reported) or not effect.records))
 
 
 _NO_SENSORS = Measured({}, (), 0.0)
@@ -143,9 +143,9 @@ class Evaluation:
 
     def due_of_state(self, state: Any, time_s: float) -> EventDue:
         """The decision that is due in a state, at the state of the plant."""
-        told = entries(state, ("records", "triggers_control", "at_tick"), "EventDue")
-        observed = self.observed(time_s, at_tick=told["at_tick"])
-        return EventDue(records_of_state(told["records"]), observed, told["triggers_control"], None)
+        values = entries(state, ("records", "triggers_control", "at_tick"), "EventDue")
+        observed = self.observed(time_s, at_tick=values["at_tick"])
+        return EventDue(records_of_state(values["records"]), observed, values["triggers_control"], None)
 
     def observed(self, time_s: float, at_tick: bool) -> Observation:
         """Observation for the controller, current until its command is sent."""
@@ -165,18 +165,18 @@ class Evaluation:
         self._plant.integrator.reconsider()
         return on_time
 
-    def due(self, effect: EventEffect, time_s: float, told_above_N_s: float | None) -> EventDue:
+    def due(self, effect: EventEffect, time_s: float, feedback_impulse_N_s: float | None) -> EventDue:
         """The decision that an event asks for.
 
         Args:
             effect: The event.
             time_s: Its time, s.
-            told_above_N_s: See :class:`~ffsm_mj.simulation.progress.Settings`.
+            feedback_impulse_N_s: See :class:`~ffsm_mj.simulation.progress.Settings`.
         """
-        told = told_records(effect.records, told_above_N_s)
-        self.pending = (*self.pending, *told)
+        reported = reported_records(effect.records, feedback_impulse_N_s)
+        self.pending = (*self.pending, *reported)
         observed = self.observed(time_s, at_tick=effect.is_tick)
-        return EventDue(effect.records, observed, calls_controller(effect, told), effect.end)
+        return EventDue(effect.records, observed, calls_controller(effect, reported), effect.end)
 
     def evaluate(self, observation: Observation) -> None:
         """Evaluate the controller and apply its command within the actuator limits.

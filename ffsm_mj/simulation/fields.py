@@ -49,7 +49,8 @@ class ExternalFields(ForceSource):
         self._fields: tuple[Field | CompiledField, ...] = (*compiled, *fields)
         self.done = np.zeros((len(scene.system.trees), 7))
         self._stateful = {
-            f"{each.kind} {i}": with_state(each, f"the external field {each.kind!r}") for i, each in enumerate(fields)
+            f"{source.kind} {i}": with_state(source, f"the external field {source.kind!r}")
+            for i, source in enumerate(fields)
         }
         self._ids, self._trees = moving_bodies(scene.system)
 
@@ -80,6 +81,6 @@ class ExternalFields(ForceSource):
     def wrenches(self, data: Any) -> Sequence[Wrench]:  # noqa: ARG002
         """Force and torque on each body of the logged system, at its mass centre."""
         self.forces.evaluate_now()
-        own = self.forces.bodies
-        parts = zip(self._ids, own.position_m.copy(), own.force_N.copy(), own.torque_N_m.copy(), strict=True)
+        bodies = self.forces.bodies
+        parts = zip(self._ids, bodies.position_m.copy(), bodies.force_N.copy(), bodies.torque_N_m.copy(), strict=True)
         return [Wrench(*part) for part in parts]

@@ -69,21 +69,21 @@ class EventDrivenIntegrator:
     def __init__(self, motion: Motion, sources: Sequence[Source]) -> None:
         """Start at the state of the motion, which is that of the logged system."""
         self.sources, self._of_system = tuple(sources), motion
-        names = [each.kind for each in sources]
+        names = [source.kind for source in sources]
         self._stateful = {
-            name if names.count(name) == 1 else f"{name} {i}": with_state(each, f"the contact model {name!r}")
-            for i, (name, each) in enumerate(zip(names, sources, strict=True))
+            name if names.count(name) == 1 else f"{name} {i}": with_state(source, f"the contact model {name!r}")
+            for i, (name, source) in enumerate(zip(names, sources, strict=True))
         }
-        self.event_sources = tuple(each for each in sources if isinstance(each, EventSource))
+        self.event_sources = tuple(source for source in sources if isinstance(source, EventSource))
         self._after_substeps = [
-            each for each in self.event_sources if type(each).after_substep is not EventSource.after_substep
+            source for source in self.event_sources if type(source).after_substep is not EventSource.after_substep
         ]
-        self.replayable = tuple(each for each in sources if isinstance(each, Replayable))
-        self._travels = tuple(travel for each in self.event_sources for travel in each.travels)
-        self._force_sources = tuple(each for each in sources if isinstance(each, ForceSource))
+        self.replayable = tuple(source for source in sources if isinstance(source, Replayable))
+        self._travels = tuple(travel for source in self.event_sources for travel in source.travels)
+        self._force_sources = tuple(source for source in sources if isinstance(source, ForceSource))
         self.control: StepControl | None = None
         self._active: list[ForceSource] = []
-        self._fields = [each for each in self._force_sources if each.is_external]
+        self._fields = [source for source in self._force_sources if source.is_external]
         self._poll: Callable[[], None] | None = None
         self._event_s: float | None = None
         self.bind(motion)
@@ -123,23 +123,23 @@ class EventDrivenIntegrator:
 
     def set_state(self, state: Any) -> None:
         """Go on from a state; that of the logged system is in ``data``, with its efforts."""
-        told = entries(state, ("sources", "event_s", "control"), "EventDrivenIntegrator")
-        of_models = entries(told["sources"], [*self._stateful], "the sources")
+        values = entries(state, ("sources", "event_s", "control"), "EventDrivenIntegrator")
+        of_models = entries(values["sources"], [*self._stateful], "the sources")
         for source in self.sources:
             source.forget()
-        deciding = [name for name, each in zip(self._stateful, self.sources, strict=True) if each.current_motion()]
+        deciding = [name for name, one in zip(self._stateful, self.sources, strict=True) if one.current_motion()]
         for name in deciding:
             self._stateful[name].set_state(of_models[name])
-        moving = [motion for each in self.sources if (motion := each.current_motion()) is not None]
+        moving = [motion for one in self.sources if (motion := one.current_motion()) is not None]
         self._event_s = None
         self.bind(moving[0] if moving else self._of_system)
         for name, part in self._stateful.items():
             if name not in deciding:
                 part.set_state(of_models[name])
         self.restart()
-        self._event_s = told["event_s"]
+        self._event_s = values["event_s"]
         if self.control is not None:
-            self.control.set_state(told["control"])
+            self.control.set_state(values["control"])
 
     def interrupt_by(self, poll: Callable[[], None]) -> None:
         """Set a function to be called before every move along a path; an exception it raises ends :meth:`advance`."""
@@ -148,14 +148,14 @@ class EventDrivenIntegrator:
     def restart(self) -> None:
         """Reset detection and applied forces after a discontinuity: velocities, active contact models or the motion."""
         self._active = [source for source in self._force_sources if source.active and not source.is_external]
-        acting = [*self._fields, *(each for each in self._active if each.pushes)]
-        pushing = sorted(acting, key=lambda each: each.is_bilateral)
-        pushes, answers = ([each.push for each in pushing if each.is_reactive is answering] for answering in (False, True))
-        of_system = not all(each.is_bilateral or each.is_external for each in pushing)
+        acting = [*self._fields, *(one for one in self._active if one.pushes)]
+        pushing = sorted(acting, key=lambda one: one.is_bilateral)
+        pushes, answers = ([one.push for one in pushing if one.is_reactive is answering] for answering in (False, True))
+        of_system = not all(one.is_bilateral or one.is_external for one in pushing)
         self.motion.push_with(pushes, answers, of_system=of_system)
         for source in self.sources:
             source.restart()
-        self.motion.flight.clear(self._event_bound())
+        self.motion.free_flight.clear(self._event_bound())
         if self.control is not None:
             self.control.restart()
 
@@ -169,7 +169,7 @@ class EventDrivenIntegrator:
 
     def reconsider(self) -> None:
         """Update the event bound after a contact model has handled a request."""
-        self.motion.flight.event_bound = self._event_bound()
+        self.motion.free_flight.event_bound = self._event_bound()
 
     def after_event(self, time_s: float) -> None:
         """Store the time of an event: contact models are notified when the next step begins, with its efforts set."""
@@ -177,8 +177,8 @@ class EventDrivenIntegrator:
 
     def _begin_step(self) -> None:
         if self._event_s is not None:
-            for each in self.event_sources:
-                each.after_event(self._event_s)
+            for one in self.event_sources:
+                one.after_event(self._event_s)
             self._event_s = None
         for source in self._active:
             source.begin_step()
@@ -208,30 +208,30 @@ class EventDrivenIntegrator:
         if not self._active:
             # A grasped object is part of the model of a motion of its own, which the logged system follows.
             move = None if type(motion).step is Motion.step else motion.step
-            return CoreSteps(move, motion.flight, None, *self._bounds(()))
+            return CoreSteps(move, motion.free_flight, None, *self._bounds(()))
         if type(motion) is not Motion:
             return None
         # Where forces watch for events themselves, as closed contacts do, others may have to be told of each sub-step: no
         # motion bound excludes it.
-        told = self._after_substeps and isinstance(self._active[0], EventSource)
-        forces = self._active[0].begin_steady_steps() if len(self._active) == 1 and not told else None
+        watched = self._after_substeps and isinstance(self._active[0], EventSource)
+        forces = self._active[0].begin_steady_steps() if len(self._active) == 1 and not watched else None
         if forces is None:
             return None
-        return CoreSteps(None, motion.flight, forces, *self._bounds(self._active))
+        return CoreSteps(None, motion.free_flight, forces, *self._bounds(self._active))
 
     def _bounds(self, active: Sequence[Source]) -> tuple[float, tuple[Travel, ...], float]:
         """Event bound of the models that are not active, motions of the coordinates, and the bound within their reach."""
-        others = [each for each in self.event_sources if each not in active]
-        bound = min((each.event_bound for each in others), default=math.inf)
-        within = min((each.bound_within if each.travels else each.event_bound for each in others), default=math.inf)
+        others = [source for source in self.event_sources if source not in active]
+        bound = min((other.event_bound for other in others), default=math.inf)
+        within = min((other.bound_within if other.travels else other.event_bound for other in others), default=math.inf)
         return bound, self._travels, within
 
     def excludes_events(self) -> bool:
         """Whether the motion bound excludes events at the end of the last step; renews the bound where it is used up."""
         watching = self._watching()
-        if any(math.isinf(each.event_bound) or not each.is_clear() for each in watching):
+        if any(math.isinf(source.event_bound) or not source.is_clear() for source in watching):
             return False
-        self.motion.flight.event_bound = self._event_bound()
+        self.motion.free_flight.event_bound = self._event_bound()
         return not self._watching()
 
     def contacts(self) -> tuple[ActiveContact, ...]:
@@ -240,12 +240,12 @@ class EventDrivenIntegrator:
 
     def wrenches(self) -> tuple[Wrench, ...]:
         """Forces of the active contact models on bodies of the logged system, at the state and efforts in ``data``."""
-        return tuple(wrench for each in (*self._fields, *self._active) for wrench in each.wrenches(each.scene.data))
+        return tuple(wrench for source in (*self._fields, *self._active) for wrench in source.wrenches(source.scene.data))
 
     @property
     def kinetic_energy_J(self) -> float:
         """Total kinetic energy at the state in ``data``."""
-        return self.motion.flight.energy
+        return self.motion.free_flight.energy
 
     def advance(self, duration_s: float, *, stepped: bool = False) -> tuple[float, EventSource | None]:
         """Integrate for a time, a sub-step of it, or until the first event.
@@ -261,14 +261,14 @@ class EventDrivenIntegrator:
             UnsupportedContactError: The motion is too fast for event detection.
             StepLimitError: The motion is too fast for the required accuracy.
         """
-        motion, flight = self.motion, self.motion.flight
-        if stepped and flight.kinked:
+        motion, free = self.motion, self.motion.free_flight
+        if stepped and free.kinked:
             motion.path.at_s = duration_s
             step_s, clear = self._to_kink(duration_s, clear=False)
-            clear = clear and flight.motion_bound < flight.event_bound
+            clear = clear and free.motion_bound < free.event_bound
         elif stepped:
             motion.path.at_s = step_s = duration_s
-            clear = flight.motion_bound < flight.event_bound
+            clear = free.motion_bound < free.event_bound
         else:
             for source in self._watching():
                 if source.due():
@@ -276,13 +276,13 @@ class EventDrivenIntegrator:
             step_s, clear = self._step(duration_s, duration_s)
             self._add_travel(step_s)
         # A non-finite state is reported by the caller; event detection on it would not end.
-        if clear or not math.isfinite(flight.energy):
+        if clear or not math.isfinite(free.energy):
             return step_s, None
         watching = [source for source in self._watching() if not source.is_clear()]
         motion.path.at_s = step_s
         if not watching:
             self._after_substep(step_s)
-            flight.event_bound = self._event_bound()
+            free.event_bound = self._event_bound()
             return step_s, None
         first = self._first_event(watching, step_s)
         at_s = step_s if first is None else first[0]
@@ -290,7 +290,7 @@ class EventDrivenIntegrator:
         self._after_substep(at_s)
         for source in self.event_sources:
             source.on_event_located(at_s)
-        motion.flight.clear(self._event_bound())
+        motion.free_flight.clear(self._event_bound())
         return first if first is not None else (step_s, None)
 
     def _first_event(self, watching: Sequence[EventSource], step_s: float) -> tuple[float, EventSource] | None:
@@ -299,22 +299,22 @@ class EventDrivenIntegrator:
         At one instant the earlier model in the order has it, when the events of all are due: rounding prefers none.
         """
         now_s = float(self.motion.path.start[0])
-        found: list[tuple[float, EventSource]] = []
+        located: list[tuple[float, EventSource]] = []
         until_s = step_s
         for source in watching:
             time_s = source.first_event(until_s)
             if time_s is not None:
-                found.append((time_s, source))
+                located.append((time_s, source))
                 until_s = min(until_s, time_s + instant_s(now_s))
-        if not found:
+        if not located:
             return None
-        at_s = last_of_first([time_s for time_s, _ in found], now_s)
-        return apart(at_s, step_s, now_s), next(source for time_s, source in found if time_s <= at_s)
+        at_s = last_of_first([time_s for time_s, _ in located], now_s)
+        return apart(at_s, step_s, now_s), next(source for time_s, source in located if time_s <= at_s)
 
     def _watching(self) -> list[EventSource]:
         """Contact models with possible events: the motion bound exceeds their ``event_bound``."""
-        moved = self.motion.flight.motion_bound
-        if moved < self.motion.flight.event_bound:
+        moved = self.motion.free_flight.motion_bound
+        if moved < self.motion.free_flight.event_bound:
             return []
         return [source for source in self.event_sources if not source.excludes_events(moved)]
 
@@ -330,7 +330,7 @@ class EventDrivenIntegrator:
         """
         effect = source.act(instant)
         if effect is not None and effect.leaves_to_impacts:
-            effect = next(each for each in self.event_sources if each.resolves_impacts).act(instant)
+            effect = next(one for one in self.event_sources if one.resolves_impacts).act(instant)
         return effect
 
     def integrate(self, most_s: float, left_s: float) -> float:
@@ -363,8 +363,8 @@ class EventDrivenIntegrator:
         restoring = [source.snapshot() for source in self._active]
 
         def restore() -> None:
-            for each in restoring:
-                each()
+            for restore_one in restoring:
+                restore_one()
 
         return restore
 
@@ -376,7 +376,7 @@ class EventDrivenIntegrator:
         elif not self._active and self._event_s is None and self.motion.stiff is None:  # as in most steps: nothing limits it
             motion, step_s = self.motion, min(most_s, left_s)
             clear, motion.path.at_s = motion.step(step_s), step_s
-            return (step_s, clear) if not motion.flight.kinked else self._to_kink(step_s, clear)
+            return (step_s, clear) if not motion.free_flight.kinked else self._to_kink(step_s, clear)
         self._begin_step()
         # Step-size control must not try a step that contact forces forbid; events, which shorten a step, do not concern it.
         reach_s = left_s
@@ -405,7 +405,7 @@ class EventDrivenIntegrator:
     def _to_kink(self, step_s: float, clear: bool) -> tuple[float, bool]:
         """The step that was made, or as much of it as there is before a force reaches its limit, or leaves it."""
         motion = self.motion
-        if motion.force_limits is None or not motion.flight.kinked:
+        if motion.force_limits is None or not motion.free_flight.kinked:
             return step_s, clear
         of_activation = motion.activations.kink_s if motion.activations is not None else math.inf
         at_s = motion.force_limits.first_kink(motion.path, min(step_s, of_activation))

@@ -117,7 +117,7 @@ class Simulation:
             if self.due is not None:
                 due, self.due = self.due, None
                 self._settle(due, commanded)
-            elif not (flying and self._fly()):
+            elif not (flying and self._free_ticks()):
                 self._tick()
             self._observed = None
             self._step_to_tick(to_event)
@@ -168,19 +168,19 @@ class Simulation:
 
     def _set_state(self, state: Any, start: Start | None) -> None:
         replaced = start.replaced if start is not None else ()
-        told = entries(state, [each.name for each in fields(self.State)], "the simulation")
+        values = entries(state, [field.name for field in fields(self.State)], "the simulation")
         self._log.pass_on()
-        self.progress.set_state(told["progress"])
-        self._evaluation.set_state(told["evaluation"])
-        self._plant.set_state(told["plant"])
-        self._watch.set_state(told["watch"])
+        self.progress.set_state(values["progress"])
+        self._evaluation.set_state(values["evaluation"])
+        self._plant.set_state(values["plant"])
+        self._watch.set_state(values["watch"])
         self._watch.disabled = self._plant.integrator.motion.disabled
         self._observed, self.due = None, None
-        if told["due"] is not None:
-            self.due = self._evaluation.due_of_state(told["due"], self.progress.time_s)
+        if values["due"] is not None:
+            self.due = self._evaluation.due_of_state(values["due"], self.progress.time_s)
         self._guard.go_on()
         self.warnings.clear()
-        self._controller.set_state(told["controller"], self.observation(), replaced)
+        self._controller.set_state(values["controller"], self.observation(), replaced)
         if start is not None and start.new_laws:
             self._controller.begin_law_again(replaced)
         self._controller.tell_phase_again()
@@ -253,7 +253,7 @@ class Simulation:
         if self.interrupted():
             raise RunEnded(Outcome.INTERRUPTED)
 
-    def _fly(self) -> bool:
+    def _free_ticks(self) -> bool:
         """Take the control ticks of free flight; returns whether there are any."""
         if self._evaluation.pending:  # an event may end the phase: its records are for the controller alone
             return False
@@ -310,8 +310,8 @@ class Simulation:
         """Take the decision of an event, or leave it due."""
         if effect.motion is not None:
             self._watch.disabled = effect.motion.disabled
-        due = self._evaluation.due(effect, self.progress.time_s, self._settings.told_above_N_s)
-        is_event = effect.end is None and any(not isinstance(each, EffortChange) for each in effect.records)
+        due = self._evaluation.due(effect, self.progress.time_s, self._settings.feedback_impulse_N_s)
+        is_event = effect.end is None and any(not isinstance(record, EffortChange) for record in effect.records)
         if is_event and self._settings.keeps_states:
             self._keep_state(due)
         if to_event and is_event:

@@ -61,7 +61,7 @@ class OrbitSamples:
         for root in self._roots:
             centre = data.subtree_com[int(system.mj.body_rootid[root])]
             live += [data.xpos[root], data.xquat[root], data.cvel[root], centre]
-        self._tables = [np.empty((room, *each.shape)) for each in live]
+        self._tables = [np.empty((room, *values.shape)) for values in live]
         sampler = Sampler(system.mj, data)
         sampler.copy(list(zip(live, self._tables, strict=True)))
         self._block = BlockSampler(sampler)
@@ -96,22 +96,22 @@ def relative_state(axes: FloatArray, spin: FloatArray, *world: FloatArray) -> tu
         world: Position, velocity, attitude (w, x, y, z) and angular velocity in world axes, (n, 3), (n, 3), (n, 4), (n, 3).
     """
     position, velocity, attitude, turning = world
-    own = _rotations(attitude)
-    relative = np.einsum("nji,njk->nik", axes, own)
+    rotations = _rotations(attitude)
+    relative = np.einsum("nji,njk->nik", axes, rotations)
     return (
         np.einsum("nji,nj->ni", axes, position),
         np.einsum("nji,nj->ni", axes, velocity - np.cross(spin, position)),
         _quaternions(relative),
-        np.einsum("nji,nj->ni", own, turning - spin),
+        np.einsum("nji,nj->ni", rotations, turning - spin),
     )
 
 
 def world_state(axes: FloatArray, spin: FloatArray, *relative: FloatArray) -> tuple[FloatArray, ...]:
     """The inverse for one body: position, velocity, attitude in world axes, and angular velocity in the body's axes."""
     position, velocity, attitude, turning = relative
-    own = axes @ _rotations(attitude[None])[0]
+    rotations = axes @ _rotations(attitude[None])[0]
     there = axes @ position
-    return there, axes @ velocity + np.cross(spin, there), _quaternions(own[None])[0], turning + own.T @ spin
+    return there, axes @ velocity + np.cross(spin, there), _quaternions(rotations[None])[0], turning + rotations.T @ spin
 
 
 def _rotations(quaternions: FloatArray) -> FloatArray:
@@ -132,21 +132,21 @@ def _quaternions(matrices: FloatArray) -> FloatArray:
     off = {(1, 2): m[:, 1, 0] + m[:, 0, 1], (1, 3): m[:, 0, 2] + m[:, 2, 0], (2, 3): m[:, 2, 1] + m[:, 1, 2]}
     of_w = (m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1])
     off |= {(0, k + 1): part for k, part in enumerate(of_w)}
-    largest, found = squares.argmax(axis=1), np.empty((len(m), 4))
+    largest, quaternions = squares.argmax(axis=1), np.empty((len(m), 4))
     for k in range(4):
         rows = largest == k
         root = 0.5 * np.sqrt(squares[rows, k])
         for j in range(4):
-            found[rows, j] = root if j == k else off[min(j, k), max(j, k)][rows] / (4.0 * root)
-    return np.where(found[:, :1] < 0.0, -found, found)
+            quaternions[rows, j] = root if j == k else off[min(j, k), max(j, k)][rows] / (4.0 * root)
+    return np.where(quaternions[:, :1] < 0.0, -quaternions, quaternions)
 
 
 def start_in_world(orbit: Orbit, system: System, data: Any) -> None:
     """Replace coordinates and rates of free joints, stated relative to LVLH axes at t = 0, by those in world axes."""
     R, V = orbit.states(np.zeros(1))
-    axes, spin = (each[0] for each in orbit.lvlh(R, V))
+    axes, spin = (part[0] for part in orbit.lvlh(R, V))
     for joint in system.joints.values():
         if joint.kind == "free":
             q, v = data.qpos[joint.qpos], data.qvel[joint.dofs]
-            found = world_state(axes, spin, q[:3].copy(), v[:3].copy(), q[3:].copy(), v[3:].copy())
-            q[:3], v[:3], q[3:], v[3:] = found
+            state = world_state(axes, spin, q[:3].copy(), v[:3].copy(), q[3:].copy(), v[3:].copy())
+            q[:3], v[:3], q[3:], v[3:] = state

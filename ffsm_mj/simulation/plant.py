@@ -169,17 +169,17 @@ class Plant:
 
     def set_state(self, state: Any) -> None:
         """Go on from a state."""
-        told = entries(state, [each.name for each in fields(self.State)], "Plant")
+        saved = entries(state, [field.name for field in fields(self.State)], "Plant")
         model, data = self.system.mj, self.data
-        values = fitting(told["data"], (mujoco.mj_stateSize(model, WHOLE_STATE),), "Plant.data")
+        values = fitting(saved["data"], (mujoco.mj_stateSize(model, WHOLE_STATE),), "Plant.data")
         mujoco.mj_setState(model, data, values, WHOLE_STATE)
         mujoco.mj_forward(model, data)
-        self.scene.numbers.set_state(told["numbers"])
-        self.actuation.set_state(told["actuation"])
-        self.integrator.set_state(told["integrator"])
-        self.balance.set_state(told["balance"])
+        self.scene.numbers.set_state(saved["numbers"])
+        self.actuation.set_state(saved["actuation"])
+        self.integrator.set_state(saved["integrator"])
+        self.balance.set_state(saved["balance"])
         if self.sampler is not None:
-            self.sampler.set_state(told["sampler"])
+            self.sampler.set_state(saved["sampler"])
 
     @property
     def system(self) -> System:
@@ -313,4 +313,4 @@ class Plant:
             data.qacc_warmstart.fill(0.0)
         mujoco.mj_forward(model, data)
         self.integrator.motion.sync_from_system()
-        self.integrator.motion.flight.clear(math.inf)
+        self.integrator.motion.free_flight.clear(math.inf)

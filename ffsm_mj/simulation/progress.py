@@ -21,15 +21,15 @@ class Settings:
         time_step_s: Integration step, s.
         steps_per_tick: Steps in a control period.
         ticks: Control periods in the run.
-        told_above_N_s: Least impulse of an impact of which the control law is told; -inf: it is told of all events of
-            contacts; None: of none.
+        feedback_impulse_N_s: Least impulse of the impacts that are reported to the control law; -inf: all contact events
+            are; None: none.
         keeps_states: Whether the log gets the state of the simulation at events.
     """
 
     time_step_s: float
     steps_per_tick: int
     ticks: int
-    told_above_N_s: float | None = -math.inf
+    feedback_impulse_N_s: float | None = -math.inf
     keeps_states: bool = False
 
 
@@ -108,18 +108,18 @@ class Start:
 def records_as_state(records: Sequence[Any]) -> list[Any]:
     """Event records in a state: their kinds and fields by name."""
     return [
-        {"kind": kind_of(each).name, "fields": {field.name: getattr(each, field.name) for field in fields(each)}}
-        for each in records
+        {"kind": kind_of(record).name, "fields": {field.name: getattr(record, field.name) for field in fields(record)}}
+        for record in records
     ]
 
 
-def records_of_state(told: Sequence[Any]) -> tuple[Any, ...]:
+def records_of_state(saved: Sequence[Any]) -> tuple[Any, ...]:
     """Event records from a state.
 
     Raises:
         StateError: They are none.
     """
     try:
-        return tuple(kind_named(each["kind"]).record(**each["fields"]) for each in told)
+        return tuple(kind_named(record["kind"]).record(**record["fields"]) for record in saved)
     except (KeyError, TypeError) as error:
         raise StateError(f"records of events in a state: {error}") from error

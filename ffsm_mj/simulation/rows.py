@@ -33,7 +33,7 @@ class RowWriter:
             block: Rows, (lines, number of signals).
         """
         live = [(part.live, row.stretches(part)) for part in row.columns if part.live is not None]
-        sampler.copy([(array[own], block[:, there]) for array, stretches in live for own, there in stretches])
+        sampler.copy([(array[source], block[:, there]) for array, stretches in live for source, there in stretches])
         self.filler = RowFiller(sampler, [part.on_sample for part in row.columns if part.on_sample is not None])
         self._tables = [(part.table, list(row.stretches(part))) for part in row.columns if part.table is not None]
 
@@ -45,8 +45,8 @@ class RowWriter:
         """Write the table columns of all rows filled since the last block."""
         for table, stretches in self._tables:
             values = table()[: len(block)]  # a part may have one row more, if an exception came before the row was complete
-            for own, there in stretches:
-                block[:, there] = values[:, own]
+            for source, there in stretches:
+                block[:, there] = values[:, source]
 
 
 class LogWriter:

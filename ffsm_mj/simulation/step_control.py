@@ -181,7 +181,7 @@ class StepControl(Stateful):
                 continue
             if trial_s <= self._shortest_s:
                 falls = before is not None and rate < before[1] * (trial_s / before[0]) ** _FALLS
-                as_good_s = max(each_s for each_s, of in rates.items() if of <= 2.0 * min(rates.values()))
+                as_good_s = max(length_s for length_s, of in rates.items() if of <= 2.0 * min(rates.values()))
                 return self._plan_shortest(motion, (trial_s, as_good_s), error, falls=falls)
             before = trial_s, rate
             coarser = min(_MOST_COARSER, max(2, math.ceil(parts / _AT_ONCE), _AT_ONCE * (error > _COARSE)))

@@ -174,7 +174,7 @@ class FreeFlight:
         if (in_core := self._controller.in_core(command, plant.data) if same else None) is not None:
             limits = plant.actuation.limits(command, plant.data, in_core.actuators)
             law, until_s = (in_core.law, in_core.until_s) if limits is not None else (None, math.inf)
-        begun, made = progress.ticks, progress.steps
+        begun, steps_before = progress.ticks, progress.steps
         try:
             ticks.take(
                 *steps,
@@ -192,7 +192,7 @@ class FreeFlight:
         finally:
             self._count()
             progress.evaluations += ticks.evaluations
-            if progress.steps > made:
+            if progress.steps > steps_before:
                 integrator.motion.path.at_s = self._settings.time_step_s
         return progress.ticks - begun, ticks.law_s
 

@@ -16,13 +16,13 @@ _NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
 _TEMPLATE = "my_law"
 
 
-def write_law(name: str, folder: Path, taken: tuple[str, ...]) -> list[str]:
+def write_law(name: str, folder: Path, existing: tuple[str, ...]) -> list[str]:
     """Write the package of a new control law.
 
     Args:
         name: Its kind, module and package.
         folder: Where its folder, of the same name, is made.
-        taken: Kinds that there are.
+        existing: Kinds that there are.
 
     Returns:
         Names of the files in the folder.
@@ -32,8 +32,8 @@ def write_law(name: str, folder: Path, taken: tuple[str, ...]) -> list[str]:
     """
     if not _NAME.fullmatch(name):
         raise InputError(f"new-law: {name!r} is not a module name: use lower-case letters, digits and single underscores")
-    if name in taken:
-        raise InputError(f"new-law: {name!r} is already the name of a control law ({', '.join(taken)})")
+    if name in existing:
+        raise InputError(f"new-law: {name!r} is already the name of a control law ({', '.join(existing)})")
     home = folder / name
     if home.exists():
         raise InputError(f"new-law: {home} exists; nothing is written over it")
@@ -62,11 +62,11 @@ def next_commands(home: Path, name: str) -> list[str]:
 
 def _texts(folder: Traversable, above: str) -> Iterator[tuple[str, str]]:
     """Files in a folder of the template and in folders of it: path from the template, and text."""
-    for each in folder.iterdir():
-        if each.is_file():
-            yield above + each.name, each.read_text(encoding="utf-8")
-        elif each.name != "__pycache__":
-            yield from _texts(each, f"{above}{each.name}/")
+    for path in folder.iterdir():
+        if path.is_file():
+            yield above + path.name, path.read_text(encoding="utf-8")
+        elif path.name != "__pycache__":
+            yield from _texts(path, f"{above}{path.name}/")
 
 
 def _named(text: str, name: str) -> str:

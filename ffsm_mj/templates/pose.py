@@ -39,7 +39,7 @@ class Tip:
 
 
 @dataclass(frozen=True)
-class Encounter:
+class Approach:
     """How a ball meets the robot at rest.
 
     Attributes:
@@ -194,8 +194,8 @@ def _ray(model: Any, data: Any, geom: int, start: FloatArray, direction: FloatAr
 def solid_geoms(system: System) -> list[int]:
     """Geoms of the robot that may touch a ball, whose contype and conaffinity are 1 by default."""
     model = system.mj
-    own = [g for g in range(model.ngeom) if model.geom_bodyid[g] in system.robot.bodies]
-    return [g for g in own if (model.geom_contype[g] | model.geom_conaffinity[g]) & 1]
+    of_robot = [g for g in range(model.ngeom) if model.geom_bodyid[g] in system.robot.bodies]
+    return [g for g in of_robot if (model.geom_contype[g] | model.geom_conaffinity[g]) & 1]
 
 
 def hand_geoms(system: System, tip: Tip) -> Iterator[list[int]]:
@@ -203,15 +203,15 @@ def hand_geoms(system: System, tip: Tip) -> Iterator[list[int]]:
     model, last = system.mj, 0
     solid = solid_geoms(system)
     for body in ancestors(model, int(model.body_weldid[tip.body])):
-        found = [g for g in solid if body in ancestors(model, int(model.geom_bodyid[g]))]
-        if len(found) > last:
-            yield found
-        last = len(found)
+        group = [g for g in solid if body in ancestors(model, int(model.geom_bodyid[g]))]
+        if len(group) > last:
+            yield group
+        last = len(group)
 
 
-def find_encounter(
+def find_approach(
     system: System, data: Any, place: FloatArray, geoms: list[int], pairs: list[ContactPair]
-) -> Encounter | None:
+) -> Approach | None:
     """A straight line along which the ball comes from outside and touches one of some geoms first; None if there is none.
 
     Args:
@@ -238,7 +238,7 @@ def find_encounter(
             gap, first = min((pair.gap(model, data, 10 * reach), i) for i, pair in enumerate(pairs))
             if gap < _CLOSE:
                 if pairs[first].geom_ids & set(geoms):
-                    return Encounter(aim + left * direction, direction, pairs[first].body_a)
+                    return Approach(aim + left * direction, direction, pairs[first].body_a)
                 break
             left -= gap
             if left < 0.0:
@@ -246,7 +246,7 @@ def find_encounter(
     return None
 
 
-def felt_mass(system: System, data: Any, met: Encounter) -> float:
+def felt_mass(system: System, data: Any, met: Approach) -> float:
     """Mass in kg that the robot, everything in it free, opposes to a push where the ball touches it."""
     model = system.mj
     jacobian = np.empty((3, model.nv))

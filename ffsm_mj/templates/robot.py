@@ -27,7 +27,7 @@ from ffsm_mj.model.system import System
 from ffsm_mj.templates.pose import (
     Tip,
     felt_mass,
-    find_encounter,
+    find_approach,
     find_tip,
     hand_geoms,
     posed,
@@ -103,7 +103,7 @@ def write_scenario(asked: TemplateRequest) -> list[str]:
     mounted = asked.base and not vendor.floats
     base = _base(asked.base_mass or rounded(_BASE_PER_ROBOT * vendor.mass, 1)) if mounted else None
     asked.out.mkdir(parents=True, exist_ok=True)
-    with _taken_back(asked.robot, scenario, model, ball):
+    with _removed_after(asked.robot, scenario, model, ball):
         robot = model if asked.base else asked.robot  # the root of a URDF gets a free joint wherever it is read
         if asked.base:
             model.write_text(model_text(name, vendor, base, _relative(asked.robot, asked.out)), encoding="utf-8")
@@ -165,7 +165,7 @@ def _relative(path: Path, folder: Path) -> str:
 
 
 @contextmanager
-def _taken_back(robot: Path, *paths: Path) -> Iterator[None]:
+def _removed_after(robot: Path, *paths: Path) -> Iterator[None]:
     """Files that are gone again where something is wrong with them; what is wrong with them is wrong with the robot.
 
     Raises:
@@ -220,7 +220,7 @@ def _with_ball(files: ModelFiles, alone: System, ball: Path, pose: dict[str, flo
     place = data.xpos[tip.body] + data.xmat[tip.body].reshape(3, 3) @ tip.local
     hand = next(hand_geoms(system, tip), [])
     pairs = [ContactPair(system, str(g), system.mj.geom(g).name, "ball/ball", 1.0) for g in solid_geoms(system)]
-    met = find_encounter(system, data, place, hand, pairs) if hand else None
+    met = find_approach(system, data, place, hand, pairs) if hand else None
     data = posed(system, pose)
     approach = None
     if met is not None:

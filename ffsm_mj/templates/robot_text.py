@@ -270,7 +270,7 @@ def _robot_lines(strip: Sequence[str], start: Start, places: Places) -> list[str
 
 def flow(values: Sequence[float | str]) -> str:
     """Numbers or texts as a list in YAML."""
-    return f"[{', '.join(word(each) if isinstance(each, str) else _number(each) for each in values)}]"
+    return f"[{', '.join(word(value) if isinstance(value, str) else _number(value) for value in values)}]"
 
 
 def _number(value: float) -> str:

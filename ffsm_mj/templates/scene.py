@@ -52,8 +52,8 @@ def write_scene(asked: SceneRequest) -> list[str]:
     try:
         path.write_text(_text(asked, {}), encoding="utf-8")
         files = model_files(*load_scenario(path))
-        moving = {name: each for name, each in files.items() if each.pose is None}
-        strips = {name: found for name, each in moving.items() if (found := needed_strips(each))}
+        moving = {name: file for name, file in files.items() if file.pose is None}
+        strips = {name: strip for name, file in moving.items() if (strip := needed_strips(file))}
         path.write_text(_text(asked, strips), encoding="utf-8")
         overlaps = _overlaps(path)
         path.write_text(_text(asked, strips, overlaps), encoding="utf-8")
@@ -63,7 +63,7 @@ def write_scene(asked: SceneRequest) -> list[str]:
         if isinstance(error, InputError):
             raise InputError([_of_options(line, path) for line in error.lines]) from error
         raise
-    objects = ", ".join(each.name for each in prepared.system.models if each.name != "robot") or "none"
+    objects = ", ".join(model.name for model in prepared.system.models if model.name != "robot") or "none"
     return [
         f"files in {asked.out}: {path.name}",
         f"robot: {asked.robot}; objects: {objects}",
@@ -78,11 +78,11 @@ def _of_options(line: str, path: Path) -> str:
     start = f"{one_line(str(path))}:"
     if not line.startswith(start):
         return line
-    told = re.sub(r"^(\d+:)*\s*", "", line.removeprefix(start))
+    rest = re.sub(r"^(\d+:)*\s*", "", line.removeprefix(start))
     for key, option in (("scene.mjcf", "--scene"), ("scene.robot", "--robot")):
-        if told.startswith(f"{key}:"):
-            return f"new: {option}{told.removeprefix(key)}"
-    return f"new: as {path.name}: {told}"
+        if rest.startswith(f"{key}:"):
+            return f"new: {option}{rest.removeprefix(key)}"
+    return f"new: as {path.name}: {rest}"
 
 
 def _overlaps(path: Path) -> list[tuple[str, str]]:

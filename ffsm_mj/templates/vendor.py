@@ -12,11 +12,11 @@ from warnings import catch_warnings
 import mujoco
 
 from ffsm_mj.errors import InputError, unknown_name
-from ffsm_mj.model.audit import BELOW_ZERO
 from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.files import ModelFiles, read_model
 from ffsm_mj.model.mujoco_process import collected_warnings
 from ffsm_mj.model.source import compile_spec, load_spec, parse_spec
+from ffsm_mj.model.unsupported import BELOW_ZERO
 
 _STRIPS = ("damping", "stiffness", "frictionloss", "limits", "equalities", "tendons", "servos", "sensors")
 """What may have to be taken out of a model, for a kind that is not modelled."""
@@ -70,8 +70,8 @@ def read_vendor(path: Path, packages: Sequence[Path], wanted: str = "") -> Vendo
             root=root.name,
             floats=floats,
             urdf=files.urdf,
-            motors=_motors(spec, _below(root, own=not floats)),
-            names=frozenset(each.name for kind in kinds for each in kind),
+            motors=_motors(spec, _below(root, with_root=not floats)),
+            names=frozenset(element.name for kind in kinds for element in kind),
             mass=_mass(files, vfs, root.name),
         )
 
@@ -83,19 +83,19 @@ def needed_strips(files: ModelFiles) -> list[str]:
         InputError: The model has a friction below zero: a mistake, which is not taken out.
     """
     needed = list(_STRIPS)
-    if _is_taken(files, ()) or not _is_taken(files, needed):
+    if _is_accepted(files, ()) or not _is_accepted(files, needed):
         return []
     for word in _STRIPS:
-        less = [each for each in needed if each != word]
-        needed = less if _is_taken(files, less) else needed
+        less = [strip for strip in needed if strip != word]
+        needed = less if _is_accepted(files, less) else needed
     if "frictionloss" in needed:
-        refused = _refused(files, [each for each in needed if each != "frictionloss"])
+        refused = _refused(files, [strip for strip in needed if strip != "frictionloss"])
         if mistakes := [line for line in refused if BELOW_ZERO in line]:
             raise InputError(mistakes)
     return needed
 
 
-def _is_taken(files: ModelFiles, strip_words: Sequence[str]) -> bool:
+def _is_accepted(files: ModelFiles, strip_words: Sequence[str]) -> bool:
     return not _refused(files, strip_words)
 
 
@@ -119,14 +119,14 @@ def _root(spec: Any, place: str, wanted: str) -> Any:
     if not moving:
         raise InputError(f"{place}: a robot is a tree of moving bodies; no joint was found")
     if len(moving) > 1:
-        found = f"{len(moving)} ({', '.join(names)})"
-        raise InputError(f"{place}: a robot is one tree of moving bodies; found {found}: name the robot's with --root")
+        several = f"{len(moving)} ({', '.join(names)})"
+        raise InputError(f"{place}: a robot is one tree of moving bodies; found {several}: name the robot's with --root")
     return moving[0]
 
 
-def _below(body: Any, *, own: bool = True) -> Iterator[Any]:
+def _below(body: Any, *, with_root: bool = True) -> Iterator[Any]:
     """Joints of a body, if its own count, and of all below it."""
-    if own:
+    if with_root:
         yield from body.joints
     for child in body.bodies:
         yield from _below(child)
@@ -139,7 +139,7 @@ def _motors(spec: Any, joints: Iterator[Any]) -> dict[str, float | None]:
     """
     if spec.actuators:
         return {}  # what it leaves without a drive is passive
-    followers = {each.name1 for each in spec.equalities if each.type == mujoco.mjtEq.mjEQ_JOINT}
+    followers = {equality.name1 for equality in spec.equalities if equality.type == mujoco.mjtEq.mjEQ_JOINT}
     return {
         joint.name: float(abs(joint.actfrcrange).max()) if joint.actfrcrange.any() else None
         for joint in joints

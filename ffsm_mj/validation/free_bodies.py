@@ -53,8 +53,8 @@ class FreeBodies:
         self, mass: float, inertia: FloatArray, origin: FloatArray, centre: FloatArray, velocity: FloatArray | None = None
     ) -> int:
         """A body along the world's axes; ``velocity``: of its origin, and angular, (6,). Returns its number."""
-        given = np.zeros(6) if velocity is None else velocity
-        moved = np.concatenate([given[:3] + np.cross(given[3:], centre), given[3:]])
+        rates = np.zeros(6) if velocity is None else velocity
+        moved = np.concatenate([rates[:3] + np.cross(rates[3:], centre), rates[3:]])
         self.bodies.append(FreeBody(mass, np.diag(inertia), origin, np.eye(3), origin + centre, moved))
         return len(self.bodies) - 1
 

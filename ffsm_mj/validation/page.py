@@ -47,7 +47,7 @@ def from_template(name: str, parts: Mapping[str, str]) -> str:
 
 def validation_page(compared: Sequence[ComparedCase]) -> str:
     """The page of all cases."""
-    topics = {case.case.topic: [each for each in compared if each.case.topic is case.case.topic] for case in compared}
+    topics = {case.case.topic: [one for one in compared if one.case.topic is case.case.topic] for case in compared}
     parts = {
         "total": total(compared),
         "summary": "\n\n".join(f"**{topic}**\n\n{_summary(cases)}" for topic, cases in topics.items()),

@@ -59,8 +59,8 @@ def run_scene(
     }
     with TemporaryDirectory() as name:
         folder = Path(name)
-        for each, text in {f"{name}.xml": mjcf for name, mjcf in models.items()}.items() | (files or {}).items():
-            (folder / each).write_text(text, encoding="utf-8")
+        for file, text in {f"{name}.xml": mjcf for name, mjcf in models.items()}.items() | (files or {}).items():
+            (folder / file).write_text(text, encoding="utf-8")
         path = folder / "scene.yaml"
         path.write_text(json.dumps(data | scenario), encoding="utf-8")  # JSON is YAML
         return uninterrupted(prepare(path).run())
@@ -100,7 +100,7 @@ def ball(name: str, mass: float, radius: float, *, joint: str = FREE, at: Sequen
 
 def box(name: str, mass: float, half: Sequence[float], *, joint: str = FREE, at: Sequence[float] = (0.0, 0.0, 0.0)) -> str:
     """Body with the geom and the inertia of a uniform box."""
-    x, y, z = ((2.0 * each) ** 2 for each in half)
+    x, y, z = ((2.0 * length) ** 2 for length in half)
     moments = [mass / 12.0 * (y + z), mass / 12.0 * (x + z), mass / 12.0 * (x + y)]
     return body(name, mass, moments, joint=joint, at=at, geom=f'type="box" size="{vector(half)}"')
 
@@ -122,7 +122,7 @@ def slide(name: str, axis: str) -> str:
 
 def slides(axes: str) -> str:
     """MJCF of joints along axes of the world, named ``x``, ``y`` and ``z``."""
-    return "".join(slide(axis, vector([float(axis == each) for each in "xyz"])) for axis in axes)
+    return "".join(slide(axis, vector([float(axis == letter) for letter in "xyz"])) for axis in axes)
 
 
 def motors(*joints: str) -> str:

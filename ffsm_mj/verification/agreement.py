@@ -73,10 +73,10 @@ class Agreement:
     worst: Discrepancy | None = None
     numbers: int = 0
 
-    def keep(self, found: Discrepancy) -> None:
+    def keep(self, discrepancy: Discrepancy) -> None:
         """Keep a difference if it is the worst so far."""
-        if self.worst is None or not found.excess <= self.worst.excess:
-            self.worst = found
+        if self.worst is None or not discrepancy.excess <= self.worst.excess:
+            self.worst = discrepancy
 
     def rows(
         self,
@@ -97,14 +97,14 @@ class Agreement:
             scale: Scales of the values, (n, k).
             accuracy: Differences to allow where a state determines values worse than to rounding, (n, k).
         """
-        given = logged[:, columns]
-        self.numbers += given.size
-        same = (given == again) | (np.isnan(given) & np.isnan(again))
+        values = logged[:, columns]
+        self.numbers += values.size
+        same = (values == again) | (np.isnan(values) & np.isnan(again))
         if same.all() and self.worst is not None:
             return
         allowed = np.maximum(AGREES * (1.0 + np.nan_to_num(np.abs(scale), posinf=0.0)), accuracy)
         with np.errstate(invalid="ignore", over="ignore"):
-            size = np.where(same, 0.0, np.abs(given - again))
+            size = np.where(same, 0.0, np.abs(values - again))
             size = np.where(np.isnan(size), np.inf, size)
             row, place = np.unravel_index(int(np.argmax(size / allowed)), size.shape)
         signal, time = layout.signals[columns[place]], float(logged[row, layout.time])
@@ -120,19 +120,19 @@ class Agreement:
             time_s: Its time.
             accuracy: Differences to allow in fields that a state determines worse than to rounding, by name.
         """
-        for each in fields(logged):
-            given, known = getattr(logged, each.name), getattr(again, each.name)
-            what = f"{name} {each.name}"
+        for field in fields(logged):
+            value, known = getattr(logged, field.name), getattr(again, field.name)
+            what = f"{name} {field.name}"
             if is_text(known):
-                self.keep(Discrepancy(what, 0.0 if given == known else math.inf, AGREES, "", time_s))
+                self.keep(Discrepancy(what, 0.0 if value == known else math.inf, AGREES, "", time_s))
                 continue
-            a, b = numbers_of(given), numbers_of(known)
-            if each.name.endswith("quaternion") and len(a) == len(b) and a.dot(b) < 0.0:
+            a, b = numbers_of(value), numbers_of(known)
+            if field.name.endswith("quaternion") and len(a) == len(b) and a.dot(b) < 0.0:
                 b = -b  # the same rotation
             self.numbers += len(a)
-            scale = numbers_of(getattr(again, _CHANGES_OF.get(each.name, each.name)))
-            least = (accuracy or {}).get(each.name, 0.0)
-            self.vector(what, a, b, scale, unit_of(each.name), time_s, least)
+            scale = numbers_of(getattr(again, _CHANGES_OF.get(field.name, field.name)))
+            least = (accuracy or {}).get(field.name, 0.0)
+            self.vector(what, a, b, scale, unit_of(field.name), time_s, least)
 
     def vector(
         self,

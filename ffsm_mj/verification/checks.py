@@ -82,7 +82,7 @@ Tolerance = float | Mapping[str, float]
 
 _OVERLAP = f"balance.{OVERLAP}"
 _OVERRUN = {unit: f"balance.{name}" for unit, name in LIMIT_OVERRUN.items()}
-_OWN = {
+_DEFAULTS = {
     "no penetration": DEEPEST_M,
     "no joint past its limit": DEEPEST_M,
     "contact complementarity": FORCE_TOLERANCE,
@@ -131,7 +131,7 @@ class CheckAccumulator:
         self._projections = [layout.index[key] for key in of_projections if key in layout.index]
         self._projected = Peak()
         self._heat, self._jacobi = HeatCheck(layout, stretch_s(metadata)), JacobiCheck(layout, metadata)
-        self._grasps = [layout.index[each.closed] for each in logged_load_columns(layout)]
+        self._grasps = [layout.index[columns.closed] for columns in logged_load_columns(layout)]
         self._time, self.samples = layout.time, 0
 
     def rows(self, block: FloatArray, added: FloatArray | None = None, forces_apart: FloatArray | None = None) -> None:
@@ -144,8 +144,8 @@ class CheckAccumulator:
             forces_apart: Differences of the logged contact forces from those that a replay finds, N, (n,); None: they are
                 not known, and ``contact complementarity`` is not checked.
         """
-        given = np.zeros((len(block), 7 * len(SUBSYSTEMS) + 1)) if added is None else added
-        more = given[:, :-1].reshape(len(block), len(SUBSYSTEMS), 7)
+        increments = np.zeros((len(block), 7 * len(SUBSYSTEMS) + 1)) if added is None else added
+        more = increments[:, :-1].reshape(len(block), len(SUBSYSTEMS), 7)
         self.samples += len(block)
         times = block[:, self._time]
         scales = {subsystem: accounts.scales(block) for subsystem, accounts in self._accounts.items()}
@@ -158,9 +158,9 @@ class CheckAccumulator:
             self._changes[subsystem, "energy"].add(times, residual[:, None], of_energy, accounts.truncation(block))
             self._changes[subsystem, "linear momentum"].add(times, momentum[:, :3], linear)
             self._changes[subsystem, "angular momentum"].add(times, momentum[:, 3:], angular)
-        own = self._accounts["robot"]
+        robot = self._accounts["robot"]
         difference = (block[:, self._matrix] - block[:, self._bodies]) * self._free
-        self._two_ways.add(times, difference, own.linear_scale(block) + own.angular_scale(block))
+        self._two_ways.add(times, difference, robot.linear_scale(block) + robot.angular_scale(block))
         if self._overlap is not None:
             self._deepest.add(times, block[:, [self._overlap]], np.zeros(len(block)))
         if self._overruns:
@@ -169,7 +169,7 @@ class CheckAccumulator:
             self._complementarity.add(times, forces_apart[:, None], np.abs(block[:, self._forces]).max(axis=1))
         if self._projections:
             self._projected.add(times, block[:, self._projections].max(axis=1, keepdims=True), scales["total"][:, 0])
-        self._heat.rows(block, given[:, -1])
+        self._heat.rows(block, increments[:, -1])
         self._jacobi.rows(block)
 
     def checks(
@@ -243,11 +243,11 @@ def tolerances(tolerance: Tolerance) -> dict[str, float]:
         KeyError: A tolerance for an unknown check.
     """
     if not isinstance(tolerance, Mapping):
-        return dict.fromkeys(RELATIVE_CHECKS, tolerance) | _OWN
+        return dict.fromkeys(RELATIVE_CHECKS, tolerance) | _DEFAULTS
     for name in tolerance:
         if name not in CHECK_NAMES:
             raise KeyError(f"unknown check {name!r}; there are {', '.join(CHECK_NAMES)}")
-    return dict.fromkeys(CHECK_NAMES, DEFAULT_TOLERANCE) | _OWN | dict(tolerance)
+    return dict.fromkeys(CHECK_NAMES, DEFAULT_TOLERANCE) | _DEFAULTS | dict(tolerance)
 
 
 def _check(name: str, subsystem: str, worst: Peak, allowed: Mapping[str, float], drift: float | None = None) -> Check:

@@ -102,9 +102,9 @@ def _restitution_residual(event: Sequence[_Record]) -> float | None:
 
 
 def _worst_impact(
-    name: str, unit: str, found: list[tuple[_Record, float]], scale: float, allowed: Mapping[str, float]
+    name: str, unit: str, residuals: list[tuple[_Record, float]], scale: float, allowed: Mapping[str, float]
 ) -> Check:
-    record, residual = max(found, key=lambda pair: np.inf if np.isnan(pair[1]) else pair[1])
+    record, residual = max(residuals, key=lambda pair: np.inf if np.isnan(pair[1]) else pair[1])
     limit = allowed[name] * (1.0 + scale)
     return Check(name, "total", f"impact {record.event + 1}", residual, record.time_s, limit, unit, residual)
 
@@ -173,10 +173,10 @@ class FrictionCheck:
         if met is None:
             return _worst_of_records(event, share)
         sizes = [*_by_records(event), *_by_states(event, met), *_by_law(event, met)]
-        found = [EnergyDeviation(size, share * energy) for size in sizes]
+        deviations = [EnergyDeviation(size, share * energy) for size in sizes]
         gained = max(0.0, 0.5 * float(met.after @ met.after) - energy)
-        found.append(EnergyDeviation(gained, _GAIN * share * energy))
-        return max(found, key=lambda miss: miss.excess)
+        deviations.append(EnergyDeviation(gained, _GAIN * share * energy))
+        return max(deviations, key=lambda miss: miss.excess)
 
     @property
     def _others_hold(self) -> bool:
@@ -352,35 +352,35 @@ def closed_grasps(scene: LoggedScene, impact: Any) -> list[str]:
     """
     log = scene.log
     records: list[GraspRecord | ReleaseRecord] = [
-        each for kind in (GRASP, RELEASE) for each in log.records.get(kind.plural, ())
+        logged for kind in (GRASP, RELEASE) for logged in log.records.get(kind.plural, ())
     ]
-    records.sort(key=lambda each: each.event)
+    records.sort(key=lambda one: one.event)
     closed, named = [], set[str]()
     for record in records:  # grasps that are closed since the start of the log: a record ends them before one begins them
         ended = record.replaces if isinstance(record, GraspRecord) else record.grasp
         closed += [ended] if ended and ended not in named else []
         named |= {ended, record.grasp}
     if len(log.rows):
-        closed += [each.name for each in scene.closed_in(log.rows[0]) if each.name not in named]
+        closed += [latch.name for latch in scene.closed_in(log.rows[0]) if latch.name not in named]
     for record in _before(log, records, impact):
         if isinstance(record, GraspRecord):
-            closed = [each for each in closed if each != record.replaces] + [record.grasp]
+            closed = [latched for latched in closed if latched != record.replaces] + [record.grasp]
         else:
-            closed = [each for each in closed if each != record.grasp]
+            closed = [latched for latched in closed if latched != record.grasp]
     return closed
 
 
 def _before(log: RunLog, grasps: Sequence[GraspRecord | ReleaseRecord], impact: Any) -> list[Any]:
     """Captures and releases before an impact, in their order."""
     place = impact.step, impact.time_s
-    earlier = [each for each in grasps if (each.step, each.time_s) < place]
-    at_once: list[Any] = [each for each in grasps if (each.step, each.time_s) == place]
+    earlier = [earlier_grasp for earlier_grasp in grasps if (earlier_grasp.step, earlier_grasp.time_s) < place]
+    at_once: list[Any] = [other for other in grasps if (other.step, other.time_s) == place]
     if not at_once:
         return earlier
-    impacts = {each.event: each for each in log.impact_records if (each.step, each.time_s) == place}
+    impacts = {record.event: record for record in log.impact_records if (record.step, record.time_s) == place}
     order = merged([impacts[event] for event in sorted(impacts)], at_once, _jump)
-    until = next(i for i, each in enumerate(order) if each is impacts[impact.event])
-    return [*earlier, *(each for each in order[:until] if each in at_once)]
+    until = next(i for i, candidate in enumerate(order) if candidate is impacts[impact.event])
+    return [*earlier, *(candidate for candidate in order[:until] if candidate in at_once)]
 
 
 def _jump(event: Any, after: Any) -> float:

@@ -69,16 +69,16 @@ class ModelChecks:
         """Checks by other physics than the engine's: see :mod:`ffsm_mj.verification.independent`."""
         return [
             Check(
-                name=each.name,
+                name=finding.name,
                 subsystem="total",
-                component=each.component,
-                residual=each.residual,
-                time_s=each.time_s,
-                tolerance=allowed[each.name] * (1.0 + each.scale),
-                unit=each.unit,
-                drift=each.residual,
+                component=finding.component,
+                residual=finding.residual,
+                time_s=finding.time_s,
+                tolerance=allowed[finding.name] * (1.0 + finding.scale),
+                unit=finding.unit,
+                drift=finding.residual,
             )
-            for each in self._findings
+            for finding in self._findings
         ]
 
     @cached_property
@@ -120,10 +120,10 @@ def terminal_checks(
     bound = terminal_stack_momentum(log.header.metadata)
     if bound is None or log.outcome is None or log.outcome.outcome != Outcome.COMPLETED:
         return ()
-    found = _stack_momentum(log) if known is None else known()
+    momentum = _stack_momentum(log) if known is None else known()
     end_s = float(log.rows[-1][log.header.layout.time]) if len(log.rows) else math.nan
     allowed = tolerances.get(STACK_MOMENTUM, bound)
-    return (Check(STACK_MOMENTUM, "robot", "L", found, end_s, allowed, "N m s", found),)
+    return (Check(STACK_MOMENTUM, "robot", "L", momentum, end_s, allowed, "N m s", momentum),)
 
 
 def _stack_momentum(log: RunLog) -> float:
@@ -146,14 +146,14 @@ def _stack_momentum(log: RunLog) -> float:
 
 def grasped_objects(events: Iterable[Any]) -> tuple[str, ...]:
     """Names of the objects that are grasped after some events, in order."""
-    held: dict[str, str] = {}
+    objects: dict[str, str] = {}
     for event in events:
         if isinstance(event, GraspRecord):
-            held.pop(event.replaces, None)
-            held[event.grasp] = event.object_site.partition("/")[0]
+            objects.pop(event.replaces, None)
+            objects[event.grasp] = event.object_site.partition("/")[0]
         elif isinstance(event, ReleaseRecord):
-            held.pop(event.grasp, None)
-    return tuple(dict.fromkeys(held.values()))  # two grasps may hold one object
+            objects.pop(event.grasp, None)
+    return tuple(dict.fromkeys(objects.values()))  # two grasps may hold one object
 
 
 @dataclass(frozen=True)
@@ -193,4 +193,4 @@ class ReplayResult:
         """
         checks = self._models.all_checks(self.accumulator, tolerance)
         # If what the log says of itself may be damaged, a check that fails says nothing of the run.
-        return tuple(each for each in checks if each.passes) if self._log.is_doubtful else checks
+        return tuple(check for check in checks if check.passes) if self._log.is_doubtful else checks

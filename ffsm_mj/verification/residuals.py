@@ -45,7 +45,7 @@ class BalanceColumns:
 
     def __init__(self, layout: Layout, metadata: Mapping[str, str], subsystem: str) -> None:
         """Find the columns."""
-        self._party, self._free = subsystem, free_components(metadata, subsystem)
+        self._subsystem, self._free = subsystem, free_components(metadata, subsystem)
         self._momenta = {p: layout.places(momentum_keys(p)) for p in SUBSYSTEMS}
         there = [name for name in _OUTSIDE if f"balance.{name}_on_robot_{COMPONENTS[0]}" in layout.index]
         self._external, self._contact = (
@@ -83,8 +83,8 @@ class BalanceColumns:
             self._on_objects = layout.places(f"balance.external_on_objects_{component}" for component in COMPONENTS)
             self._energies.append(self._objects_work)
             self._impulses.append(self._on_objects)
-        own = "state.q_robot_" if subsystem == "robot" else "state.q_"
-        self._places = [i for i, s in enumerate(layout.signals) if s.unit == "m" and s.key.startswith(own)]
+        prefix = "state.q_robot_" if subsystem == "robot" else "state.q_"
+        self._places = [i for i, s in enumerate(layout.signals) if s.unit == "m" and s.key.startswith(prefix)]
 
     def energy(self, block: FloatArray) -> FloatArray:
         """T plus elastic energy and heat of dampers, less work and energy gained in impacts and from outside, J, (n,).
@@ -98,7 +98,7 @@ class BalanceColumns:
             gained = gained + block[:, self._objects_work]
         for i in self._stored:
             gained = gained - block[:, i]
-        return energy_balance_residual(self._party, energy, work, gained)
+        return energy_balance_residual(self._subsystem, energy, work, gained)
 
     def truncation(self, block: FloatArray) -> FloatArray | None:
         """Energy that RK4 has taken from the modes of joint springs, J, (n,); None without springs."""
@@ -106,13 +106,13 @@ class BalanceColumns:
 
     def momentum(self, block: FloatArray) -> FloatArray:
         """(P, L) less impulses on the free components, N s and N m s, (n, 6): constant for an exact balance."""
-        own, external, contact = (block[:, i] for i in (self._momenta[self._party], self._external, self._contact))
+        momenta, external, contact = (block[:, i] for i in (self._momenta[self._subsystem], self._external, self._contact))
         outside = (
             np.sum([block[:, places] for places in self._outside], axis=0) if self._outside else np.zeros((len(block), 12))
         )
         if self._on_objects is not None:
             outside = outside + np.pad(block[:, self._on_objects], ((0, 0), (6, 0)))
-        return momentum_balance_residual(self._party, own, external, contact, outside, self._free)
+        return momentum_balance_residual(self._subsystem, momenta, external, contact, outside, self._free)
 
     def scales(self, block: FloatArray) -> FloatArray:
         """Largest of the terms that cancel in energy, P and L: J, N s and N m s, (n, 3).
@@ -130,7 +130,7 @@ class BalanceColumns:
 
     def linear_scale(self, block: FloatArray) -> FloatArray:
         """Sum of the norms of P of the parts of the subsystem, N s, (n,), which cancel in the whole system's P."""
-        members = SUBSYSTEMS[1:] if self._party == "total" else (self._party,)
+        members = SUBSYSTEMS[1:] if self._subsystem == "total" else (self._subsystem,)
         return np.asarray(sum(norms(block[:, self._momenta[member]][:, :3]) for member in members))
 
     def angular_scale(self, block: FloatArray) -> FloatArray:
@@ -139,7 +139,7 @@ class BalanceColumns:
         The lever r is the norm of all coordinates of the subsystem's joints that are lengths, in m.
         """
         lever = norms(block[:, self._places])
-        return np.asarray(norms(block[:, self._momenta[self._party]][:, 3:]) + lever * self.linear_scale(block))
+        return np.asarray(norms(block[:, self._momenta[self._subsystem]][:, 3:]) + lever * self.linear_scale(block))
 
 
 def norms(vectors: FloatArray) -> FloatArray:
@@ -150,9 +150,9 @@ def norms(vectors: FloatArray) -> FloatArray:
     return np.sqrt(total)
 
 
-def without_loss(change: FloatArray, taken: FloatArray) -> FloatArray:
+def without_loss(change: FloatArray, loss: FloatArray) -> FloatArray:
     """Changes of energies, J, without what is known to have been taken: those that are lower by at most that are zero."""
-    return change + np.clip(-change, 0.0, np.maximum(taken, 0.0))
+    return change + np.clip(-change, 0.0, np.maximum(loss, 0.0))
 
 
 class Peak:
@@ -199,27 +199,27 @@ class ResidualDrift:
         """Set the length of a stretch in s."""
         self._length, self._stretch = length_s, 0.0
         self._first: FloatArray | None = None
-        self._taken = 0.0
+        self._loss_before = 0.0
         self._done: Peak | None = None
-        self._here = Peak()
+        self._recent = Peak()
         self.drift = 0.0
 
-    def add(self, times: FloatArray, residual: FloatArray, scale: FloatArray, taken: FloatArray | None = None) -> None:
+    def add(self, times: FloatArray, residual: FloatArray, scale: FloatArray, loss: FloatArray | None = None) -> None:
         """Process rows.
 
         Args:
             times: Times, s, (n,).
             residual: Residuals, (n, number of components).
             scale: Their scales, (n,).
-            taken: What the truncation of the step is known to have taken since t = 0, (n,): a residual that is so much
+            loss: What the truncation of the step is known to have cost since t = 0, (n,): a residual that is so much
                 lower is none. None: nothing is known.
         """
         if self._first is None:
             # Relative to the first row: the balances start at t = 0, but a damaged log may start later.
             self._first = self._base = self._last = residual[0].copy()
-            self._taken = float(taken[0]) if taken is not None else 0.0
-        if taken is not None:
-            residual = self._first + without_loss(residual - self._first, (taken - self._taken)[:, None])
+            self._loss_before = float(loss[0]) if loss is not None else 0.0
+        if loss is not None:
+            residual = self._first + without_loss(residual - self._first, (loss - self._loss_before)[:, None])
         self.drift = max(self.drift, float(np.fmax.reduce(norms(residual - self._first), initial=0.0)))
         # A row at the end of a stretch belongs to it; the rounding of time is far below a billionth of a stretch.
         stretches = np.maximum(np.ceil(times / self._length - 1e-9), 1.0)
@@ -227,18 +227,18 @@ class ResidualDrift:
         for start, stop in pairwise([0, *edges.tolist(), len(times)]):
             if stretches[start] != self._stretch:
                 self._begin(float(stretches[start]))
-            self._here.add(times[start:stop], residual[start:stop] - self._base, scale[start:stop])
+            self._recent.add(times[start:stop], residual[start:stop] - self._base, scale[start:stop])
             self._last = residual[stop - 1].copy()
 
     def _begin(self, stretch: float) -> None:
         if self._stretch:
-            self._done, self._here = self.worst, Peak(self._here.scale)
+            self._done, self._recent = self.worst, Peak(self._recent.scale)
         self._stretch, self._base = stretch, self._last
 
     @property
     def worst(self) -> Peak:
         """Peak of the stretch whose peak is largest relative to the scale up to its end."""
-        return self._here if self._done is None or self._here.rank > self._done.rank else self._done
+        return self._recent if self._done is None or self._recent.rank > self._done.rank else self._done
 
 
 class JacobiCheck:

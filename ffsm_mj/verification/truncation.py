@@ -81,7 +81,10 @@ class TruncationAnalysis:
         if self.refined is None:
             return False
         bounds = self.refined.bounds
-        left = {(each.name, each.subsystem): each.residual for each in self.refined.without.checks((), DEFAULT_TOLERANCE)}
+        left = {
+            (unrefined.name, unrefined.subsystem): unrefined.residual
+            for unrefined in self.refined.without.checks((), DEFAULT_TOLERANCE)
+        }
         keys = {(check.name, check.subsystem): check.tolerance for check in checks if check.may_be_truncation}
         return any(abs(left[key] - allowed) < bounds[key] for key, allowed in keys.items() if key in bounds and key in left)
 

@@ -67,7 +67,7 @@ class OpenLoop:
         with self._simulator() as simulator:
             simulator.reset()
             assembly = simulator.assembly
-            self.model = (assembly.held[case.grasp].system if case.grasp else assembly.system).mj
+            self.model = (assembly.grasped_systems[case.grasp].system if case.grasp else assembly.system).mj
             self.period_s = assembly.scenario.control_period_s
             self._qpos, self._qvel = self.model.qpos0.copy(), np.zeros(self.model.nv)
             if not case.grasp:

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from ffsm_mj._core.contacts import ContactEvaluation, StageForces
-from ffsm_mj._core.forces import HeldForces
+from ffsm_mj._core.forces import ActiveForces
 from ffsm_mj._core.rows import RowEvaluator
 from ffsm_mj._core.stages import Smooth, StageSums
 from ffsm_mj.assembly.simulator import Simulator, SimulatorState
 from ffsm_mj.contact.features.search import features
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
-from ffsm_mj.contact_models.persistent.friction.cones import own_margin
+from ffsm_mj.contact_models.persistent.friction.cones import margin_of
 from ffsm_mj.contact_models.persistent.friction.decision import Decision
 from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK, FrictionModes
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
@@ -104,7 +104,7 @@ def test_forces_of_held_rows(rng, case):
     slips = np.column_stack((np.cos(angles), np.sin(angles))) * ((kinds == SLIDE) & (mu > 0.0))[:, None]
     problem = FrictionProblem(G, b, mu)
     structure = problem.structure(kinds)
-    held, D, which = HeldForces(problem, structure), along_rows(kinds, mu, slips), structure.rows
+    held, D, which = ActiveForces(problem, structure), along_rows(kinds, mu, slips), structure.rows
     forces = held.forces(b, slips)
     agree(forces.ravel(), spring_forces(G, b, D, which))
     agree(held.forces(2.0 * b, slips), 2.0 * forces)
@@ -128,7 +128,7 @@ def test_forces_of_held_rows(rng, case):
             for turn in (-step, step):
                 turned = slips.copy()
                 turned[point] = np.cos(turn) * slips[point] + np.sin(turn) * np.array((-slips[point, 1], slips[point, 0]))
-                ends.append(HeldForces(problem, structure).forces(b, turned).ravel())
+                ends.append(ActiveForces(problem, structure).forces(b, turned).ravel())
             # A central difference: its error is the square of the step times the forces.
             np.testing.assert_allclose(column, (ends[1] - ends[0]) / (2.0 * step), rtol=0, atol=1e-6 * np.abs(forces).max())
 
@@ -180,7 +180,7 @@ def test_contact_without_friction(resting, rng):
             modes = FrictionModes()
             kinds = np.where(np.isin(np.arange(k), list(which)), SLIDE, CLOSED)
             modes.set(points, kinds, np.zeros((k, 3)), np.zeros(k), *np.zeros((2, k), dtype=bool))
-            stage, generalised = ContactEvaluation(points, rows, pushed, modes.of(points)).stage_here()
+            stage, generalised = ContactEvaluation(points, rows, pushed, modes.of(points)).present_stage()
             agree(stage.forces, held)
             agree(generalised, held @ rows.J[::3])
             agree(stage.power, generalised * motion.data.qvel)
@@ -216,12 +216,12 @@ def test_points_that_stick(resting):
         b = rows.J @ np.linalg.solve(mass_matrix(motion.model, motion.data), pushed) + rows.gamma
         agree(here.problem.b, b)
         expected = np.linalg.lstsq(rows.G, -b, rcond=RANK)[0]
-        stage, generalised = here.stage_here()
+        stage, generalised = here.present_stage()
         agree(stage.forces, expected[::3])
         agree(generalised, expected @ rows.J)
         agree(np.array(stage.wrenches), np.array(rows.wrenches(expected)))
         solution, forces, mu = here.sticking(), expected.reshape(-1, 3), np.full(k, 0.5)
-        margin = own_margin(forces, mu, rows.G.diagonal()[::3], here.rounding, np.abs(forces).max())
+        margin = margin_of(forces, mu, rows.G.diagonal()[::3], here.rounding, np.abs(forces).max())
         assert (solution is not None) == (pushed is force) == (margin > 0.0)
         if solution is not None:
             agree(solution.forces, forces)
@@ -252,7 +252,7 @@ def test_stages_inside_a_step(resting, rng, kinds):
         else:
             slips = rows.slips / np.hypot(*rows.slips.T)[:, None]
             D = along_rows(kinds, np.full(4, 0.5), slips)
-            which = FrictionProblem(rows.G, b, np.full(4, 0.5)).held_rows(np.array(kinds))
+            which = FrictionProblem(rows.G, b, np.full(4, 0.5)).active_rows(np.array(kinds))
         along = spring_forces(rows.G, b, D, which)
         agree(applied, force + along @ rows.J)
         agree(stage.power, (along @ rows.J) * data.qvel)
@@ -264,7 +264,7 @@ def test_sums_of_stages(resting, rng):
     _, motion, points, force = resting
     rows, parts = RowEvaluator(motion, motion.data, points).rows(), np.array([0.1, 0.2, 0.3, 0.4])
     loads = (force, -2.0 * force, 0.5 * force, 3.0 * force)
-    stages = [ContactEvaluation(points, rows, each, sticking(points)).stage_here()[0] for each in loads]
+    stages = [ContactEvaluation(points, rows, each, sticking(points)).present_stage()[0] for each in loads]
     sums = StageSums(stages, parts)
     wrenches = np.array([stage.wrenches for stage in stages])
     agree(sums.work, parts @ np.array([stage.power for stage in stages]))

@@ -56,7 +56,7 @@ def test_the_logged_system_follows_what_moves(tmp_path, rng, models):
         bench.data.qpos[-1] = 40.0
         mujoco.mj_forward(bench.model, bench.data)
     bench.capture()
-    moving, logged, twists = bench.held, bench.data, np.zeros((2, 6))
+    moving, logged, twists = bench.grasped_motion, bench.data, np.zeros((2, 6))
     for _ in range(20):
         moving.step(1e-3)
     body = bench.system.objects[0].root

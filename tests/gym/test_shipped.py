@@ -112,7 +112,7 @@ def test_rows_are_those_of_the_campaign(tmp_path):
     for number, row in ((3, 3), (4 + 2, 2)):
         _, info = env.reset(seed=number)
         ours = env.simulator.assembly.scenario
-        job = folder._job(own=False)
+        job = folder._job(exclusive=False)
         theirs = prepared_run(job, row, folder.design.overrides(row)).scenario
         assert info["row"] == row
         assert ours.seed == theirs.seed + number - row == 7 + number

@@ -140,5 +140,5 @@ class SensorDrawing:
         if self.estimator:
             said["estimator"] = self.estimator
         if self.dice.chance(0.2):
-            said["told_of_impacts"] = self.dice.pick([False, {"above_N_s": self.dice.log_between(0.01, 1.0)}])
+            said["impact_feedback"] = self.dice.pick([False, {"min_impulse_N_s": self.dice.log_between(0.01, 1.0)}])
         return said

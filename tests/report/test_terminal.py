@@ -74,7 +74,7 @@ def test_nothing_of_a_row_is_cut_where_even_folded_texts_do_not_fit(terminal):
     assert rows[1].endswith("truncation")
 
 
-def test_lines_are_wrapped_before_words_and_not_within_a_quantity(terminal):
+def test_lines_are_wrapped_before_words_and_not_within_a_quantity_or_a_vector(terminal):
     terminal(40)
     line = "  capture grasp: robot/tip on satellite/grapple, impulse 0.01365 N s and 1e-05 N m s, loss 1.7 J"
     assert wrapped(line).split("\n") == [
@@ -83,5 +83,7 @@ def test_lines_are_wrapped_before_words_and_not_within_a_quantity(terminal):
         "    0.01365 N s and 1e-05 N m s, loss",
         "    1.7 J",
     ]
+    row = "    satellite/right_fixture    2.4978  -0.5504   1.000  0.006"
+    assert wrapped(row).split("\n") == ["    satellite/right_fixture", "      2.4978  -0.5504   1.000  0.006"]
     terminal(None)
     assert wrapped(line) == line

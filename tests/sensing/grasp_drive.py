@@ -100,7 +100,7 @@ class CaughtTruth(Truth):
         self.is_held = True
         pose = self.held.model.body_pos[self.held.root], self.held.model.body_quat[self.held.root]
         known = {"time_s": time_s, "grasp": "grasp", "place": 1}
-        known |= {"held_position_m": tuple(pose[0]), "held_quaternion": tuple(pose[1])}
+        known |= {"object_position_m": tuple(pose[0]), "object_quaternion": tuple(pose[1])}
         return GraspRecord(**{field.name: known.get(field.name) for field in fields(GraspRecord)})
 
     def let_go(self, time_s: float) -> ReleaseRecord:

@@ -86,10 +86,10 @@ def test_what_control_laws_are_told(tmp_path):
     called = len(Listener.shown)
     for told, calls, events in (
         (False, called - 1, 0),
-        ({"above_N_s": 9.0}, called - 1, 0),
-        ({"above_N_s": 0.1}, called, 1),
+        ({"min_impulse_N_s": 9.0}, called - 1, 0),
+        ({"min_impulse_N_s": 0.1}, called, 1),
     ):
-        run(pushing(tmp_path, robot=robot, estimator=DIRECT, told_of_impacts=told))
+        run(pushing(tmp_path, robot=robot, estimator=DIRECT, impact_feedback=told))
         impacts = [event for seen in Listener.shown for event in seen.events if isinstance(event, ImpactRecord)]
         assert (len(Listener.shown), len(impacts)) == (calls, events)
 

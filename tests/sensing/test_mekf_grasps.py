@@ -172,7 +172,7 @@ def test_in_a_run_errors_stay_within_what_the_filter_says(tmp_path, told):
         duration_s=0.5,
         time_step_s=0.005,
         control_period_s=0.01,
-        told_of_impacts=told,
+        impact_feedback=told,
         initial={
             "joints": {"target/free": [1.08, 0.03, 0.02, 1, 0, 0, 0]},
             "rates": {"target/free": [-0.3, 0, 0, 0.4, -0.2, 0.3]},

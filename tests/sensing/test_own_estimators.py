@@ -131,7 +131,7 @@ def test_a_class_with_settings_has_them_checked(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("own", "words"),
+    ("estimator", "words"),
     [
         (NotFinite, "estimator 'mine' gives an estimate that is not finite"),
         (Raises, "estimator 'mine': RuntimeError: lost the target"),
@@ -140,8 +140,8 @@ def test_a_class_with_settings_has_them_checked(tmp_path):
         (NoNumbers, "estimator 'mine': ValueError: could not convert string to float"),
     ],
 )
-def test_what_fails_in_flight_ends_the_run_with_one_line_and_a_log(tmp_path, own, words):
-    run = ffsm_mj.run(scenario(tmp_path), estimators={"mine": own}, out=tmp_path / "run", rerun=False, check=False)
+def test_what_fails_in_flight_ends_the_run_with_one_line_and_a_log(tmp_path, estimator, words):
+    run = ffsm_mj.run(scenario(tmp_path), estimators={"mine": estimator}, out=tmp_path / "run", rerun=False, check=False)
     assert run.outcome == "controller_failed"
     assert words in run.message
     assert "\n" not in run.message
@@ -166,9 +166,9 @@ def test_what_an_estimator_raises_is_raised(tmp_path):
     ],
 )
 def test_telemetry_that_cannot_be_columns_is_a_fault_of_the_estimator(tmp_path, signals, words):
-    own = type("Own", (Frozen,), {"telemetry_signals": signals})
+    estimator = type("Own", (Frozen,), {"telemetry_signals": signals})
     with pytest.raises(InputError) as told:
-        prepare(scenario(tmp_path), estimators={"mine": own})
+        prepare(scenario(tmp_path), estimators={"mine": estimator})
     (line,) = told.value.lines
     assert words in line
     assert "scene.yaml" in line
@@ -208,7 +208,7 @@ def test_another_estimator_is_another_campaign(tmp_path):
     scenario(tmp_path)
     path = campaign_file(tmp_path, {"seed": {"choice": [1, 2]}}, {"kind": "grid"})
     campaign = Campaign.load(path, tmp_path / "out", estimators={"mine": Frozen})
-    assert pickle.loads(pickle.dumps(campaign._job(own=True))).own.estimators == {"mine": Frozen}
+    assert pickle.loads(pickle.dumps(campaign._job(exclusive=True))).classes.estimators == {"mine": Frozen}
     campaign.run(loop().open())
     with pytest.raises(InputError, match="holds a campaign with other settings: estimators"):
         Campaign.load(path, tmp_path / "out", estimators={"mine": Raises}).run(loop().open())

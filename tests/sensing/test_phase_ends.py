@@ -19,7 +19,7 @@ def phases(until):
 
 def test_a_jump_of_the_rates_is_felt(tmp_path):
     """The gyro at 100 Hz, untold of the impact at 0.195 s: its next sample, at 0.2 s, ends the phase."""
-    made = run(pushing(tmp_path, phases=phases({"sensor": "gyro", "below": 0.34}), told_of_impacts=False))
+    made = run(pushing(tmp_path, phases=phases({"sensor": "gyro", "below": 0.34}), impact_feedback=False))
     (change,) = [each for each in made.log.records["phases"] if each.name == "after"]
     assert change.start_s == pytest.approx(0.2, abs=1e-9)
     assert change.reason == "gyro"
@@ -33,7 +33,7 @@ def test_an_impact_between_samples_is_felt_by_a_load_cell(tmp_path):
             robot=arm('<force name="cell" site="wrist" interval="0.01"/>'),
             phases=phases({"sensor": "cell", "above": 20.0}),
             contacts={"rules": [{"between": ["robot", "b"], "restitution": 1.0}]},
-            told_of_impacts=False,
+            impact_feedback=False,
         )
     )
     values = np.column_stack([made[f"sensor.robot_cell_{axis}_N"] for axis in "xyz"])
@@ -71,8 +71,13 @@ def test_a_wrong_end_is_refused_with_its_place(tmp_path, until, words):
             r"estimator.rate_filter_s: should be greater",
         ),
         ({"estimator": {"kind": "drect"}}, r"estimator.kind: unknown kind 'drect'.*direct"),
-        ({"told_of_impacts": {"above_N_s": 1, "over": 1}}, r"told_of_impacts.over: unknown key.*above_N_s"),
-        ({"told_of_impacts": "no"}, r"told_of_impacts: should be a valid boolean"),
+        ({"impact_feedback": {"min_impulse_N_s": 1, "over": 1}}, r"impact_feedback.over: unknown key.*min_impulse_N_s"),
+        ({"told_of_impacts": False}, r"told_of_impacts: unknown key.*'impact_feedback'"),
+        (
+            {"impact_feedback": {"min_impulse_N_s": 1, "above_N_s": 1}},
+            r"above_N_s: unknown key: the bound is min_impulse_N_s",
+        ),
+        ({"impact_feedback": "no"}, r"impact_feedback: should be a valid boolean"),
         ({"sensors": {"gyro": {"noise": 1, "noise_density": 1}}}, r"sensors.gyro: has both 'noise' and 'noise_density'"),
         ({"sensors": {"gyro": {"bias": "a"}}}, r"sensors.gyro.bias: should be a valid number"),
         ({"sensors": {"giro": {}}}, r"sensors.giro: unknown sensor 'giro' .did you mean 'robot/gyro'"),

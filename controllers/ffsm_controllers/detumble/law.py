@@ -117,7 +117,7 @@ class Detumble(Stateful):
         rest, h = self._stack.parts(data)
         columns = self._stack.wheel_columns(data)[:, self._wheel]
         demand = self._config.rate_1_s * rest
-        coupling = self._carried(data, columns)
+        coupling = self._momentum_keeping(data, columns)
         rates = self._rates(data) + self._context.control_period_s * coupling
         share = self._wheel_share(columns, demand, rates)
         asked = self._impulse(data, rest, columns, share)
@@ -165,7 +165,7 @@ class Detumble(Stateful):
         self._constrained.respond(data, force[None, :], answer)
         return thrust, answer[0]
 
-    def _carried(self, data: Any, columns: FloatArray) -> FloatArray:
+    def _momentum_keeping(self, data: Any, columns: FloatArray) -> FloatArray:
         """Accelerations of the wheels that keep their momentum in place while the base turns them: A qdd = -omega x h."""
         if not self._n:
             return np.zeros(0)

@@ -113,7 +113,7 @@ def readings_of(system: System, sensors: Mapping[str, Sensor], rate_filter_s: fl
     Raises:
         ScenarioFaults: There are none.
     """
-    readings = _found(system, sensors, rate_filter_s)
+    readings = _readings(system, sensors, rate_filter_s)
     if not readings:
         raise ScenarioFaults([Fault("no sensor measures a joint or a floating body: the models need <sensor> elements")])
     return readings
@@ -122,10 +122,10 @@ def readings_of(system: System, sensors: Mapping[str, Sensor], rate_filter_s: fl
 def readings_of_joints(system: System, sensors: Mapping[str, Sensor], rate_filter_s: float) -> list[Reading]:
     """Readings of all sensors that measure joints, in the order in which they are written."""
     kinds = {name: system.sensors[name].kind for name in sensors}
-    return _found(system, {name: sensors[name] for name, kind in kinds.items() if kind in _OF_JOINTS}, rate_filter_s)
+    return _readings(system, {name: sensors[name] for name, kind in kinds.items() if kind in _OF_JOINTS}, rate_filter_s)
 
 
-def _found(system: System, sensors: Mapping[str, Sensor], rate_filter_s: float) -> list[Reading]:
+def _readings(system: System, sensors: Mapping[str, Sensor], rate_filter_s: float) -> list[Reading]:
     readings = [reading for name in sensors if (reading := _reading(system, name)) is not None]
     rated = {(reading.order, dof) for reading in readings for dof in range(reading.dofs.start, reading.dofs.stop)}
     for reading in readings:

@@ -12,7 +12,7 @@ import numpy as np
 from ffsm_mj.controller_protocol import ControllerContext, DrivenJoints, FloatArray, MinimumJerk
 from ffsm_mj.task_model import JointModel
 
-_SAMPLES, _SAMPLES_EACH = 200, 40
+_SAMPLES, _SAMPLES_BETWEEN = 200, 40
 """Least number of instants at which efforts are predicted: on the path, and between two waypoints."""
 _ROUNDING = 1e-9
 """Relative excess that is rounding: a path may touch its limits."""
@@ -66,7 +66,7 @@ class PathLimits:
         """Time, efforts that the path needs, and their bounds, along the predicted motion with all other motors off."""
         mj, scratch, joints = self._mj, self._data, self._joints
         scratch.qpos[:], scratch.qvel[:] = data.qpos, data.qvel
-        samples = max(_SAMPLES_EACH, _SAMPLES // (len(path.times) - 1))
+        samples = max(_SAMPLES_BETWEEN, _SAMPLES // (len(path.times) - 1))
         times = np.interp(np.arange(samples * (len(path.times) - 1) + 1) / samples, np.arange(len(path.times)), path.times)
         for time_s, step_s in zip(times.tolist(), np.diff(times, append=times[-1]).tolist(), strict=True):
             positions, rates, accelerations = path.at(time_s)
@@ -101,19 +101,19 @@ class _Worst:
 
     def __init__(self, names: Sequence[str], units: Mapping[str, list[str]]) -> None:
         self._names, self._units = names, units
-        self._found: dict[tuple[str, int], tuple[float, str]] = {}
+        self._excesses: dict[tuple[str, int], tuple[float, str]] = {}
 
     def look(self, what: str, time_s: float, values: FloatArray, low: FloatArray, high: FloatArray) -> None:
         """Compare the values of all joints at a time with their bounds."""
         for i, (value, least, most) in enumerate(zip(values.tolist(), low.tolist(), high.tolist(), strict=True)):
             bound = most if value > most else least
             excess = max(value - most, least - value)
-            if excess > _ROUNDING * max(abs(bound), 1.0) and excess > self._found.get((what, i), (-math.inf, ""))[0]:
+            if excess > _ROUNDING * max(abs(bound), 1.0) and excess > self._excesses.get((what, i), (-math.inf, ""))[0]:
                 unit = self._units[what][i]
                 allowed = f"[{least:.6g}, {most:.6g}]" if what != "speed" else f"at most {most:.6g}"
                 text = f"{self._names[i]}: {what} {value:.6g} {unit} at {time_s:.4g} s, allowed {allowed}"
-                self._found[what, i] = excess, text
+                self._excesses[what, i] = excess, text
 
     def sentences(self) -> list[str]:
         """What was exceeded, in the order of looking."""
-        return [text for _, text in self._found.values()]
+        return [text for _, text in self._excesses.values()]

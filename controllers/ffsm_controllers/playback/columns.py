@@ -66,8 +66,8 @@ def effort_record(config: PlaybackConfig, table: RecordedTable, system: System) 
         np.column_stack(efforts),
         config.interpolation,
         _end_s(config, times),
-        held_before=config.before == "hold",
-        held_after=config.after == "hold",
+        hold_before=config.before == "hold",
+        hold_after=config.after == "hold",
     )
     return actuators, record
 

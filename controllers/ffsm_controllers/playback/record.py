@@ -26,16 +26,16 @@ class EffortRecord:
         interpolation: ``held``: each sample is held until the next one; ``mean``: the same, and a control tick has the mean
             over its period; ``linear``: joined by straight lines, with means likewise.
         end_s: End of the record, s.
-        held_before: Before the first sample its efforts are held; otherwise there are none.
-        held_after: After the end the last efforts are held; otherwise there are none.
+        hold_before: Before the first sample its efforts are held; otherwise there are none.
+        hold_after: After the end the last efforts are held; otherwise there are none.
     """
 
     times_s: FloatArray
     efforts: FloatArray
     interpolation: Interpolation
     end_s: float
-    held_before: bool = False
-    held_after: bool = False
+    hold_before: bool = False
+    hold_after: bool = False
 
     def sample_at(self, time_s: float) -> int:
         """Position of the last sample at or before a time; -1: there is none."""
@@ -52,8 +52,8 @@ class EffortRecord:
 
         A mean that is held for this time has the impulse of the record.
         """
-        begin_s = -math.inf if self.held_before else self._times[0]
-        end_s = math.inf if self.held_after else self.end_s
+        begin_s = -math.inf if self.hold_before else self._times[0]
+        end_s = math.inf if self.hold_after else self.end_s
         if self.interpolation == "held":
             inside = begin_s - SCHEDULED_S <= time_s < end_s - SCHEDULED_S
             return self.efforts[max(self.sample_at(time_s), 0)] if inside else None

@@ -93,13 +93,13 @@ class Lqr(TaskLaw):
         """
         model = self.model
         if self._refresh or self._gain is None:
-            self._gain = self._gain_here()
+            self._gain = self._gain_at()
         u = -self._gain.dot(np.concatenate((model.e, model.ed)))
         if self._damping > 0.0:
             u -= self._damping * self._unseen().dot(model.qd)
         return np.asarray(u)
 
-    def _gain_here(self) -> FloatArray:
+    def _gain_at(self) -> FloatArray:
         """R^-1 B^T K with the model as it is, (n, 2 p).
 
         Raises:
@@ -123,7 +123,7 @@ class Lqr(TaskLaw):
         """That of the output's rates, with the gains for the state in ``data``, or of what the output does not feel."""
         model, p = self.model, self.model.site.size
         model.update(data)
-        rates = self._gain_here()[:, p:]
+        rates = self._gain_at()[:, p:]
         size = float(np.abs(rates).max())
         dampings = [
             output_damping(model, rates, "Q", size, slice(None)),

@@ -75,7 +75,7 @@ class GapFunction(Stateful):
     Attributes:
         name: The two features in contact.
         swapped: Whether the first core belongs to geom b.
-        made_of: What it was made of: the arguments of its class.
+        arguments: The arguments of its class.
     """
 
     @dataclass
@@ -85,13 +85,13 @@ class GapFunction(Stateful):
         first_radius: float
         radius: float
 
-    made_of: tuple[Any, ...]
+    arguments: tuple[Any, ...]
 
-    def __new__(cls, *made_of: Any) -> Self:
+    def __new__(cls, *arguments: Any) -> Self:
         """Keep what it is made of."""
-        made = super().__new__(cls)
-        made.made_of = made_of
-        return made
+        feature = super().__new__(cls)
+        feature.arguments = arguments
+        return feature
 
     def __init__(self, name: str, swapped: bool, first_radius: float, second_radius: float) -> None:
         """Store the radii of the two cores in m."""
@@ -139,14 +139,14 @@ class GapFunction(Stateful):
         ``moving`` is the velocity of the second core's contact point, which slides over the core.
         """
         gap = core_gap - self._radius
-        (x, y, z), (here, there) = normal, points
-        u, v, w = there
+        (x, y, z), (on_first, on_second) = normal, points
+        u, v, w = on_second
         # From the second point back to the first core, and out of it to the middle between the surfaces.
         level = self._first_radius + 0.5 * gap - core_gap
         point = np.array((u + level * x, v + level * y, w + level * z))
         point_rate = shifted(shifted(moving, level, turning), -0.5 * rate, normal)  # the level changes by -rate / 2
-        second = np.array(there)
-        first = second if here is there else np.array(here)
+        second = np.array(on_second)
+        first = second if on_first is on_second else np.array(on_first)
         bend, scale = math.fsum(terms), max(map(abs, terms))
         if self.swapped:
             return FeatureState(gap, rate, np.array((-x, -y, -z)), point, second, first, bend, scale, inside, point_rate)

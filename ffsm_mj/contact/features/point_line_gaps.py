@@ -151,8 +151,8 @@ class PointOnPoint(GapFunction):
         """Evaluate the gap: the line between the points turns with the part of w perpendicular to it."""
         first, second = self._first.body.motion(data), self._second.body.motion(data)
         arm, other_arm = first.turned(self._first.centre), second.turned(self._second.centre)
-        here, there = shifted(first.origin, 1.0, arm), shifted(second.origin, 1.0, other_arm)
-        offset = minus(there, here)
+        on_first, on_second = shifted(first.origin, 1.0, arm), shifted(second.origin, 1.0, other_arm)
+        offset = minus(on_second, on_first)
         distance = math.hypot(*offset)
         normal = unit(offset)
         velocity = second.velocity_at(other_arm)
@@ -160,8 +160,8 @@ class PointOnPoint(GapFunction):
         rate = dot(normal, w)
         across = shifted(w, -rate, normal)
         turning, terms = scaled(1.0 / distance, across), (dot(across, across) / distance,)
-        inside = min(self._first.inside(first, offset), self._second.inside(second, minus(here, there)))
-        return self._state(distance, rate, normal, turning, (here, there), velocity, terms, inside)
+        inside = min(self._first.inside(first, offset), self._second.inside(second, minus(on_first, on_second)))
+        return self._state(distance, rate, normal, turning, (on_first, on_second), velocity, terms, inside)
 
 
 class PointOnCurve(GapFunction):
@@ -178,8 +178,8 @@ class PointOnCurve(GapFunction):
         arm = second.turned(self._point.centre)
         point = shifted(second.origin, 1.0, arm)
         foot, tangent, outward = curve.foot(first, minus(point, first.origin))
-        here = shifted(first.origin, 1.0, foot)
-        offset = minus(point, here)
+        on_first = shifted(first.origin, 1.0, foot)
+        offset = minus(point, on_first)
         distance = math.hypot(*offset)
         normal = unit(offset)
         velocity = second.velocity_at(arm)
@@ -196,8 +196,8 @@ class PointOnCurve(GapFunction):
             -slide * turn,
         )
         turning = shifted(scaled(1.0 / distance, across), slide * curved - turn, tangent)
-        inside = min(curve.inside(first, foot, offset), self._point.inside(second, minus(here, point)))
-        return self._state(distance, rate, normal, turning, (here, point), velocity, terms, inside)
+        inside = min(curve.inside(first, foot, offset), self._point.inside(second, minus(on_first, point)))
+        return self._state(distance, rate, normal, turning, (on_first, point), velocity, terms, inside)
 
 
 class LineOnCurve(GapFunction):
@@ -243,9 +243,9 @@ class LineOnCurve(GapFunction):
         along_c, along_d = dot(offset, c), dot(offset, d)
         sideways, length = (along_c - cosine * along_d) / square, (cosine * along_c - along_d) / square
         foot = shifted(arm, sideways, c)
-        here, there = shifted(first.origin, 1.0, foot), shifted(middle, length, d)
-        gap = dot(normal, minus(there, here))
-        velocity = second.velocity_at(minus(there, second.origin))
+        on_first, on_second = shifted(first.origin, 1.0, foot), shifted(middle, length, d)
+        gap = dot(normal, minus(on_second, on_first))
+        velocity = second.velocity_at(minus(on_second, second.origin))
         w = minus(velocity, first.velocity_at(foot))
         turn_c, turn_d = dot(normal, cross(first.omega, c)), dot(normal, cross(second.omega, d))
         curved = dot(normal, outward)
@@ -269,4 +269,4 @@ class LineOnCurve(GapFunction):
         else:
             inside = min(inside, curve.size * (math.sqrt(square) - CROSSING))
         moving = shifted(velocity, slide_d, d)
-        return self._state(gap, dot(normal, w), normal, turning, (here, there), moving, terms, inside)
+        return self._state(gap, dot(normal, w), normal, turning, (on_first, on_second), moving, terms, inside)

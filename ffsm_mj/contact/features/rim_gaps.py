@@ -49,8 +49,8 @@ class RimOnRim(GapFunction):
         product = cross(c, d)
         square, cosine = dot(product, product), dot(c, d)
         normal = scaled(self._sense / math.sqrt(square), product)
-        here, there = shifted(first.origin, 1.0, arm), shifted(second.origin, 1.0, other_arm)
-        gap, velocity = dot(normal, minus(there, here)), second.velocity_at(other_arm)
+        on_first, on_second = shifted(first.origin, 1.0, arm), shifted(second.origin, 1.0, other_arm)
+        gap, velocity = dot(normal, minus(on_second, on_first)), second.velocity_at(other_arm)
         w = minus(velocity, first.velocity_at(arm))
         turn_c, turn_d = dot(normal, cross(first.omega, c)), dot(normal, cross(second.omega, d))
         curved_c, curved_d = dot(normal, outward) / one.size, dot(normal, other_outward) / other.size
@@ -68,7 +68,7 @@ class RimOnRim(GapFunction):
             other.inside(second, other_arm, scaled(-other.size, normal)) if other.bounded else math.inf,
         )
         moving = shifted(velocity, slide_d, d)
-        return self._state(gap, dot(normal, w), normal, turning, (here, there), moving, terms, inside)
+        return self._state(gap, dot(normal, w), normal, turning, (on_first, on_second), moving, terms, inside)
 
     def _contact(self, first: BodyMotion, second: BodyMotion) -> None:
         """Find the angles at which both tangents are perpendicular to the offset, by Newton's method from the last ones."""
@@ -118,13 +118,13 @@ class SideOnRim(GapFunction):
         first, second = rim.body.motion(data), side.body.motion(data)
         d, middle = second.turned(side.direction), second.place(side.centre)
         arm, c, outward = self._nearest.follow(first, middle, d)
-        here = shifted(first.origin, 1.0, arm)
-        length = dot(minus(here, middle), d)
-        there = shifted(middle, length, d)
-        offset = minus(there, here)
+        on_first = shifted(first.origin, 1.0, arm)
+        length = dot(minus(on_first, middle), d)
+        on_second = shifted(middle, length, d)
+        offset = minus(on_second, on_first)
         distance = math.hypot(*offset)
         normal = scaled(1.0 / distance, offset)
-        velocity = second.velocity_at(minus(there, second.origin))
+        velocity = second.velocity_at(minus(on_second, second.origin))
         w = minus(velocity, first.velocity_at(arm))
         rate, cosine, square = dot(normal, w), dot(c, d), math.hypot(*cross(c, d)) ** 2
         turn_c, turn_d = dot(normal, cross(first.omega, c)), dot(normal, cross(second.omega, d))
@@ -140,7 +140,7 @@ class SideOnRim(GapFunction):
             inside = min(inside, rim.inside(first, arm, scaled(rim.size, normal)))
         elif self._nearest.end != 0.0:
             inside = min(inside, rim.size * (self._nearest.end * dot(outward, d) - CROSSING))
-        return self._state(distance, rate, normal, turning, (here, there), moving, terms, inside)
+        return self._state(distance, rate, normal, turning, (on_first, on_second), moving, terms, inside)
 
 
 class RimOnEllipsoid(GapFunction):
@@ -168,22 +168,22 @@ class RimOnEllipsoid(GapFunction):
         first, second = core.body.motion(data), rim.body.motion(data)
         self._contact(first, second)
         arm, tangent, outward = rim.at_angle(second, self._angle)
-        there = shifted(second.origin, 1.0, arm)
-        normal, foot, gap = self._nearest(first, there)
+        on_second = shifted(second.origin, 1.0, arm)
+        normal, foot, gap = self._nearest(first, on_second)
         velocity = second.velocity_at(arm)
         w = minus(velocity, first.velocity_at(foot))
-        own = cross(first.omega, normal)
-        driven = self._turning(first, normal, gap, shifted(w, 1.0, core.extreme_rate(first, normal, own)))
+        turning_rate = cross(first.omega, normal)
+        driven = self._turning(first, normal, gap, shifted(w, 1.0, core.extreme_rate(first, normal, turning_rate)))
         by_slide = self._turning(first, normal, gap, tangent)
         turn, curved = dot(normal, cross(second.omega, tangent)), dot(normal, outward) / rim.size
         slide = (dot(driven, tangent) + turn) / (curved - dot(by_slide, tangent))
         turning = shifted(driven, slide, by_slide)
-        foot_slide = core.extreme_rate(first, normal, minus(turning, own))
+        foot_slide = core.extreme_rate(first, normal, minus(turning, turning_rate))
         terms = (dot(turning, w), -dot(normal, cross(first.omega, foot_slide)), slide * turn)
         # A contact point on the surface has no offset from the rim: the bounds are evaluated along the normal.
         inside = rim.inside(second, arm, scaled(-rim.size, normal))
-        here, moving = shifted(first.origin, 1.0, foot), shifted(velocity, slide, tangent)
-        return self._state(gap, dot(normal, w), normal, turning, (here, there), moving, terms, inside)
+        on_first, moving = shifted(first.origin, 1.0, foot), shifted(velocity, slide, tangent)
+        return self._state(gap, dot(normal, w), normal, turning, (on_first, on_second), moving, terms, inside)
 
     def _contact(self, first: BodyMotion, second: BodyMotion) -> None:
         """Find the angle at which the tangent is perpendicular to the normal of the ellipsoid."""

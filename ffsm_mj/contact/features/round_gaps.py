@@ -89,11 +89,11 @@ class OnEllipsoid(GapFunction):
         direction = second.turned(other.direction) if isinstance(other, Line) else None
         normal = outward_normal(core, first, anchor, direction)
         foot = core.extreme(first, normal)
-        here = shifted(first.origin, 1.0, foot)
-        gap = dot(normal, minus(anchor, here))
-        there = shifted(here, gap, normal)
+        on_first = shifted(first.origin, 1.0, foot)
+        gap = dot(normal, minus(anchor, on_first))
+        on_second = shifted(on_first, gap, normal)
         velocity = first.velocity_at(foot)
-        w = minus(second.velocity_at(minus(there, second.origin)), velocity)
+        w = minus(second.velocity_at(minus(on_second, second.origin)), velocity)
         turn = 0.0 if direction is None else dot(normal, cross(second.omega, direction))
         turning, slide = self._turning(first, normal, direction, turn, gap, w)
         terms = [dot(turning, w), -dot(normal, cross(first.omega, slide))]
@@ -105,31 +105,31 @@ class OnEllipsoid(GapFunction):
         if isinstance(other, Point):
             inside = other.inside(second, offset)
         else:
-            inside = other.inside(second, minus(there, second.origin), offset)
+            inside = other.inside(second, minus(on_second, second.origin), offset)
         rate = dot(normal, w)
         moving = shifted(shifted(shifted(velocity, 1.0, slide), gap, turning), rate, normal)
-        return self._state(gap, rate, normal, turning, (here, there), moving, terms, inside)
+        return self._state(gap, rate, normal, turning, (on_first, on_second), moving, terms, inside)
 
     def _turning(
         self, first: BodyMotion, normal: Vector, direction: Vector | None, turn: float, gap: float, w: Vector
     ) -> tuple[Vector, Vector]:
         """Rate of the normal, and velocity of the contact point over the ellipsoid."""
-        core, own = self._ellipsoid, cross(first.omega, normal)
+        core, turning_rate = self._ellipsoid, cross(first.omega, normal)
         fixed = (0.0, 0.0, 0.0) if direction is None else scaled(-turn, direction)
         one = cross(normal, direction or _across(normal))
         bent = core.extreme_rate(first, normal, one)
-        stiff, right = dot(one, bent) + gap, dot(one, w) + dot(bent, minus(own, fixed))
+        stiff, right = dot(one, bent) + gap, dot(one, w) + dot(bent, minus(turning_rate, fixed))
         if direction is not None:
             turning = shifted(fixed, right / stiff, one)
         else:
             other = cross(normal, one)
             bent_other = core.extreme_rate(first, normal, other)
-            stiff_other, right_other = dot(other, bent_other) + gap, dot(other, w) + dot(bent_other, own)
+            stiff_other, right_other = dot(other, bent_other) + gap, dot(other, w) + dot(bent_other, turning_rate)
             mixed = dot(one, bent_other)
             whole = stiff * stiff_other - mixed * mixed
             turning = scaled((right * stiff_other - right_other * mixed) / whole, one)
             turning = shifted(turning, (right_other * stiff - right * mixed) / whole, other)
-        return turning, core.extreme_rate(first, normal, minus(turning, own))
+        return turning, core.extreme_rate(first, normal, minus(turning, turning_rate))
 
 
 class EllipsoidOnEllipsoid(GapFunction):
@@ -153,15 +153,15 @@ class EllipsoidOnEllipsoid(GapFunction):
         normal = self._last = self._normal(first, second)
         against = scaled(-1.0, normal)
         arm, other_arm = self._first.extreme(first, normal), self._second.extreme(second, against)
-        here, there = shifted(first.origin, 1.0, arm), shifted(second.origin, 1.0, other_arm)
-        gap = dot(normal, minus(there, here))
+        on_first, on_second = shifted(first.origin, 1.0, arm), shifted(second.origin, 1.0, other_arm)
+        gap = dot(normal, minus(on_second, on_first))
         velocity = second.velocity_at(other_arm)
         w = minus(velocity, first.velocity_at(arm))
-        own, other = cross(first.omega, normal), cross(second.omega, normal)
-        right = shifted(w, 1.0, self._first.extreme_rate(first, normal, own))
+        first_rate, other = cross(first.omega, normal), cross(second.omega, normal)
+        right = shifted(w, 1.0, self._first.extreme_rate(first, normal, first_rate))
         right = shifted(right, 1.0, self._second.extreme_rate(second, against, other))
         turning = across_solution(partial(self._stiffness, first, second, normal, gap), normal, right)
-        slide = self._first.extreme_rate(first, normal, minus(turning, own))
+        slide = self._first.extreme_rate(first, normal, minus(turning, first_rate))
         other_slide = self._second.extreme_rate(second, against, minus(other, turning))
         terms = (
             dot(turning, w),
@@ -169,7 +169,7 @@ class EllipsoidOnEllipsoid(GapFunction):
             dot(normal, cross(second.omega, other_slide)),
         )
         moving = shifted(velocity, 1.0, other_slide)
-        return self._state(gap, dot(normal, w), normal, turning, (here, there), moving, terms, math.inf)
+        return self._state(gap, dot(normal, w), normal, turning, (on_first, on_second), moving, terms, math.inf)
 
     def _normal(self, first: BodyMotion, second: BodyMotion) -> Vector:
         """Direction of largest separation.
@@ -196,8 +196,8 @@ class EllipsoidOnEllipsoid(GapFunction):
 
     def _offset(self, first: BodyMotion, second: BodyMotion, normal: Vector) -> Vector:
         """Vector from the extreme point of the first along a direction to that of the second against it."""
-        here = shifted(first.origin, 1.0, self._first.extreme(first, normal))
-        return minus(shifted(second.origin, 1.0, self._second.extreme(second, scaled(-1.0, normal))), here)
+        on_first = shifted(first.origin, 1.0, self._first.extreme(first, normal))
+        return minus(shifted(second.origin, 1.0, self._second.extreme(second, scaled(-1.0, normal))), on_first)
 
     def _stiffness(self, first: BodyMotion, second: BodyMotion, normal: Vector, gap: float, vector: Vector) -> Vector:
         """Product of K1 + K2 + gap and a vector across the normal."""

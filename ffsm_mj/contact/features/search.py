@@ -6,8 +6,8 @@ geoms that are extreme along the contact normal.
 
 Features as data, and made again from them: those of closed contacts are of the state of a simulation.
 
-A feature keeps what it was made of (:attr:`~.gap_function.GapFunction.made_of`): names, signs and cores. Cores that share a
-body object belong to one search, and only these are on one face; so bodies are told by their ids and their places in a list.
+A feature keeps the arguments of its class (:attr:`~.gap_function.GapFunction.arguments`): names, signs and cores. Cores that
+share a body object belong to one search, and only these are on one face; a body is stored by its id and place in a list.
 """
 
 from __future__ import annotations
@@ -78,8 +78,8 @@ def features_at_rest(
     A cap that an impact leaves tipping may do so over any point of its rim, and the fixed points that represent the rim then
     all separate: the point at which the impact acted is at rest.
     """
-    found: list[Feature] = [each for each in features(pair, model, data, near) if is_at_rest(each.at(data))]
-    return found or [each for each in _search(pair, model, data, near).on_rims() if is_at_rest(each.at(data))]
+    resting: list[Feature] = [feature for feature in features(pair, model, data, near) if is_at_rest(feature.at(data))]
+    return resting or [feature for feature in _search(pair, model, data, near).on_rims() if is_at_rest(feature.at(data))]
 
 
 class _Search:
@@ -97,57 +97,59 @@ class _Search:
         face_a, face_b = a.face(), b.face()
         if face_a is None and face_b is None:
             return []
-        found = self._touching((core, face_b) for core in a.points() if face_b is not None)
-        found += self._touching((face_a, core) for core in b.points() if face_a is not None)
+        touching = self._touching((core, face_b) for core in a.points() if face_b is not None)
+        touching += self._touching((face_a, core) for core in b.points() if face_a is not None)
         # An edge that crosses the other face at one of its own corners is already constrained there: a second constraint at
         # the same point would only make the contact problem redundant.
-        corners = [state.point for _, state in found]
+        corners = [state.point for _, state in touching]
         crossings = self._touching(self._crossing_curves())
-        found += [
+        touching += [
             (feature, state)
             for feature, state in crossings
             if all(math.dist(state.point, corner) > 0.5 * FEATURE_BOUND_M for corner in corners)
         ]
-        return [feature for feature, _ in found]
+        return [feature for feature, _ in touching]
 
     def on_rims(self) -> list[GapFunction]:
         """Contact points of the pair that are points of the rim of a cap, over a face."""
         a, b, places = self._a, self._b, self._near.points
         face_a, face_b = a.face(), b.face()
-        found = self._touching((core, face_b) for core in a.rim_points(places) if face_b is not None)
-        found += self._touching((face_a, core) for core in b.rim_points(places) if face_a is not None)
-        return [feature for feature, _ in found]
+        touching = self._touching((core, face_b) for core in a.rim_points(places) if face_b is not None)
+        touching += self._touching((face_a, core) for core in b.rim_points(places) if face_a is not None)
+        return [feature for feature, _ in touching]
 
     def between_lines(self) -> list[GapFunction]:
         """Crossing lines; for parallel lines, the ends of their overlap."""
-        found = []
+        crossings = []
         for one in self._a.edges(bounded=True):
             for other in self._b.edges(bounded=True):
                 if self._lie_along(one, other):
                     # The contact is a segment; its two ends determine the motion of both lines.
-                    found += self._touching((one, end) for end in other.ends)
-                    found += self._touching((end, other) for end in one.ends)
+                    crossings += self._touching((one, end) for end in other.ends)
+                    crossings += self._touching((end, other) for end in one.ends)
                 else:
-                    found += self._touching([(one, other)])
-        return [feature for feature, _ in found]
+                    crossings += self._touching([(one, other)])
+        return [feature for feature, _ in crossings]
 
     def on_lines(self) -> list[GapFunction]:
         """The corner or round part in contact with a line, if there is one."""
         x, y, z = self._normal
         a, b = self._a, self._b
-        found = self._touching((c, self._facing(e, c, self._normal)) for c in a.corners() for e in b.curves(bounded=True))
-        found += self._touching((self._facing(e, c, (-x, -y, -z)), c) for e in a.curves(bounded=True) for c in b.corners())
-        found += self._touching((e, self._below(f, e)) for e in a.edges(bounded=True) for f in b.curves(bounded=True))
-        found += self._touching((self._below(e, f), f) for e in a.curves(bounded=True) for f in b.edges(bounded=True))
-        return _most_inside(found)
+        touching = self._touching((c, self._facing(e, c, self._normal)) for c in a.corners() for e in b.curves(bounded=True))
+        touching += self._touching(
+            (self._facing(e, c, (-x, -y, -z)), c) for e in a.curves(bounded=True) for c in b.corners()
+        )
+        touching += self._touching((e, self._below(f, e)) for e in a.edges(bounded=True) for f in b.curves(bounded=True))
+        touching += self._touching((self._below(e, f), f) for e in a.curves(bounded=True) for f in b.edges(bounded=True))
+        return _most_inside(touching)
 
     def _below(self, curve: Curve, line: Line) -> Curve:
         """The curve; the rim around a cap with angle 0 where it is nearest to a line."""
         if not isinstance(curve, Circle):
             return curve
-        motion, own = line.body.motion(self._data), curve.body.motion(self._data)
-        arm, _, _ = line.foot(motion, minus(own.place(curve.centre), motion.origin))
-        return rim_towards(curve, own, shifted(motion.origin, 1.0, arm))
+        motion, curve_motion = line.body.motion(self._data), curve.body.motion(self._data)
+        arm, _, _ = line.foot(motion, minus(curve_motion.place(curve.centre), motion.origin))
+        return rim_towards(curve, curve_motion, shifted(motion.origin, 1.0, arm))
 
     def _facing(self, curve: Curve, corner: Core, outward: Vector) -> Curve:
         """The curve; the rim around a cap with angle 0 next to a round corner, whose normal points outward."""
@@ -194,7 +196,7 @@ class _Search:
 
     def _touching(self, cores: Iterable[tuple[Core, Core]]) -> list[tuple[GapFunction, FeatureState]]:
         """Features of those pairs of cores, of a and of b, that are in contact, with their states."""
-        found = []
+        closed = []
         for one, other in cores:
             if self._have_no_normal(one, other):
                 continue
@@ -205,8 +207,8 @@ class _Search:
             if state.inside < -0.5 * FEATURE_BOUND_M or not self._is_closed(state.gap):
                 continue
             aligned = self._aligned(one, other, state.gap)
-            found.append((aligned or feature, state))
-        return found
+            closed.append((aligned or feature, state))
+        return closed
 
     def _is_closed(self, gap: float) -> bool:
         near = self._near
@@ -235,9 +237,9 @@ class _Search:
         return math.copysign(1.0, dot(self._normal, cross(self._a.direction(one), self._b.direction(other))))
 
 
-def _most_inside(found: list[tuple[GapFunction, FeatureState]]) -> list[GapFunction]:
+def _most_inside(candidates: list[tuple[GapFunction, FeatureState]]) -> list[GapFunction]:
     """The feature furthest inside its bounds: neighbouring edges and corners share the contact point within tolerance."""
-    return [max(found, key=lambda each: each[1].inside)[0]] if found else []
+    return [max(candidates, key=lambda candidate: candidate[1].inside)[0]] if candidates else []
 
 
 def gap_function(a: Core, b: Core, sense: float) -> GapFunction | None:
@@ -283,8 +285,8 @@ def gap_function(a: Core, b: Core, sense: float) -> GapFunction | None:
 
 
 _GAPS = (PointOnFace, PointOnPoint, PointOnCurve, LineOnCurve, RimOnRim, SideOnRim, RimOnEllipsoid)
-_KINDS = {each.__name__: each for each in (*_GAPS, RoundOnFace, OnEllipsoid, EllipsoidOnEllipsoid)}
-_CORES = {each.__name__: each for each in (Point, Line, Face, Circle, Ellipsoid)}
+_KINDS = {kind.__name__: kind for kind in (*_GAPS, RoundOnFace, OnEllipsoid, EllipsoidOnEllipsoid)}
+_CORES = {kind.__name__: kind for kind in (Point, Line, Face, Circle, Ellipsoid)}
 
 
 class StoredFeatures:
@@ -299,21 +301,21 @@ class StoredFeatures:
         self._model = model
         self._bodies: dict[int, Body] = {}
 
-    def told(self, feature: Feature) -> dict[str, Any]:
+    def to_plain(self, feature: Feature) -> dict[str, Any]:
         """A feature as data: its kind, what it is made of, and what it remembers."""
         assert isinstance(feature, GapFunction)
-        made_of = [self._as_data(each) for each in feature.made_of]
-        return {"kind": type(feature).__name__, "made_of": made_of, "state": feature.get_state()}
+        arguments = [self._as_data(argument) for argument in feature.arguments]
+        return {"kind": type(feature).__name__, "made_of": arguments, "state": feature.get_state()}
 
-    def made(self, told: Any) -> GapFunction:
+    def from_plain(self, data: Any) -> GapFunction:
         """A feature from data.
 
         Raises:
             StateError: They are none.
         """
         try:
-            feature: GapFunction = _KINDS[told["kind"]](*(self._from_data(each) for each in told["made_of"]))
-            feature.set_state(told["state"])
+            feature: GapFunction = _KINDS[data["kind"]](*(self._from_data(argument) for argument in data["made_of"]))
+            feature.set_state(data["state"])
         except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
             raise StateError(f"a contact feature in a state cannot be made: {error!r}") from error
         return feature
@@ -324,21 +326,21 @@ class StoredFeatures:
             self._bodies[number] = part
             return {"body": part.id, "number": number}
         if type(part).__name__ in _CORES:
-            named = {each.name: self._as_data(getattr(part, each.name)) for each in fields(part)}
+            named = {field.name: self._as_data(getattr(part, field.name)) for field in fields(part)}
             return {"core": type(part).__name__, "of": named}
         return tuple(map(self._as_data, part)) if isinstance(part, tuple) else part
 
-    def _from_data(self, told: Any) -> Any:
-        if isinstance(told, tuple):
-            return tuple(map(self._from_data, told))
-        if not isinstance(told, Mapping):
-            return told
-        if "core" in told:
-            return _CORES[told["core"]](**{name: self._from_data(each) for name, each in told["of"].items()})
-        body, number = told["body"], told["number"]
+    def _from_data(self, to_plain: Any) -> Any:
+        if isinstance(to_plain, tuple):
+            return tuple(map(self._from_data, to_plain))
+        if not isinstance(to_plain, Mapping):
+            return to_plain
+        if "core" in to_plain:
+            return _CORES[to_plain["core"]](**{name: self._from_data(part) for name, part in to_plain["of"].items()})
+        body, number = to_plain["body"], to_plain["number"]
         if not 0 <= body < self._model.nbody:
             raise ValueError(f"no body {body}")
-        made = self._bodies.setdefault(number, Body(self._model, body))
-        if made.id != body:
-            raise ValueError(f"body {body} is {made.id} elsewhere")
-        return made
+        known = self._bodies.setdefault(number, Body(self._model, body))
+        if known.id != body:
+            raise ValueError(f"body {body} is {known.id} elsewhere")
+        return known

@@ -61,21 +61,21 @@ class GraspClosing:
         self._rates = np.array(data.qvel)
         self._energies, self._momentum, self._of_objects = _energies(scene), _momentum(scene), _of_objects(scene)
 
-    def first(self, held: GraspedMotion) -> tuple[GraspRecord, Exchange]:
+    def first(self, motion: GraspedMotion) -> tuple[GraspRecord, Exchange]:
         """Close the only grasp: its object becomes a child of the link.
 
         Args:
-            held: The motion with this grasp closed; put to the state after the impulse.
+            motion: The motion with this grasp closed; put to the state after the impulse.
         """
         system, data, sites = self._scene.system, self._scene.data, self._latch.sites
         # A plastic impact in all relative directions at once that the latch stops.
-        found = plastic_impulse(system.mj, data, sites.link, sites.root, self._point, held.joints.stopped(data))
-        data.qvel[:] += found.change
+        impact = plastic_impulse(system.mj, data, sites.link, sites.root, self._point, motion.joints.stopped(data))
+        data.qvel[:] += impact.change
         mujoco.mj_forward(system.mj, data)
-        held.hold()
-        pose = ClosingPose(as_tuple(held.model.body_pos[held.root]), as_tuple(held.model.body_quat[held.root]))
-        record = self._record(found, found.impulses, int(held.model.nv), pose)
-        force, moment = found.impulses[:3], found.impulses[3:]
+        motion.hold()
+        pose = ClosingPose(as_tuple(motion.model.body_pos[motion.root]), as_tuple(motion.model.body_quat[motion.root]))
+        record = self._record(impact, impact.impulses, int(motion.model.nv), pose)
+        force, moment = impact.impulses[:3], impact.impulses[3:]
         on_objects = np.concatenate((force, moment + cross(self._point, force)))
         return record, Exchange(_energies(self._scene) - self._energies, on_objects)
 
@@ -83,19 +83,19 @@ class GraspClosing:
         """Close the grasp by rows in the motion to which ``loops`` is bound, beside those that are closed."""
         scene, grasp = self._scene, self._latch.grasp
         pose = closing_pose(scene.system, scene.data, grasp)
-        found = loops.close(grasp.name, loop_latch(scene.system, grasp, pose))
+        closing = loops.close(grasp.name, loop_latch(scene.system, grasp, pose))
         mujoco.mj_forward(scene.system.mj, scene.data)
-        record = self._record(found, found.wrenches[grasp.name], found.mobility, pose)
+        record = self._record(closing, closing.wrenches[grasp.name], closing.mobility, pose)
         # Other closed grasps pass impulses on: the momenta of the objects show them all.
         return record, Exchange(_energies(scene) - self._energies, _of_objects(scene) - self._of_objects)
 
     def _record(
-        self, found: PlasticClosing | LoopClosing, impulse: FloatArray, mobility: int, pose: ClosingPose
+        self, closing: PlasticClosing | LoopClosing, impulse: FloatArray, mobility: int, pose: ClosingPose
     ) -> GraspRecord:
         """The record, with the state in ``data`` as that after the impulse.
 
         Args:
-            found: The plastic impulse on all rows.
+            closing: The plastic impulse on all rows.
             impulse: What it is on the object at its site, in N s, with the moment in N m s, (6,).
             mobility: Degrees of freedom that are left.
             pose: Pose of the object in the frame of the link.
@@ -114,14 +114,14 @@ class GraspClosing:
             axis_angle_rad=self._axis_angle_rad,
             replaces=self._replaces,
             place=self._place,
-            held_position_m=pose.position_m,
-            held_quaternion=pose.quaternion,
-            rank=found.rank,
+            object_position_m=pose.position_m,
+            object_quaternion=pose.quaternion,
+            rank=closing.rank,
             mobility=mobility,
-            least_ratio=found.least_ratio,
+            least_ratio=closing.least_ratio,
             impulse_N_s=as_tuple(impulse[:3]),
             angular_impulse_N_m_s=as_tuple(impulse[3:]),
-            loss_J=found.loss_J,
+            loss_J=closing.loss_J,
             energy_before_J=_by_subsystem(self._energies),
             energy_after_J=_by_subsystem(energies),
             momentum_before={"total": as_tuple(self._momentum)},
@@ -152,8 +152,8 @@ def _momentum(scene: Scene) -> FloatArray:
 
 def _of_objects(scene: Scene) -> FloatArray:
     """Momentum of all objects, (6,)."""
-    own = (momentum_matrix(scene.system.mj, scene.data, tree.root) @ scene.data.qvel for tree in scene.system.objects)
-    return sum(own, np.zeros(6))
+    momenta = (momentum_matrix(scene.system.mj, scene.data, tree.root) @ scene.data.qvel for tree in scene.system.objects)
+    return sum(momenta, np.zeros(6))
 
 
 def _by_subsystem(energies: FloatArray) -> dict[str, tuple[float, ...]]:
@@ -246,10 +246,10 @@ class ClosedGrasps:
         """Which grasps are closed, and how they hold."""
         attached = self._attached
         return self.State(
-            [each.grasp.name for each in self.latches],
+            [closed.grasp.name for closed in self.latches],
             attached.grasp.name if attached is not None else None,
             {name: vars(latch) for name, latch in self._rows.items()},
-            attached.held.get_state() if attached is not None and attached.held is not None else None,
+            attached.grasped_motion.get_state() if attached is not None and attached.grasped_motion is not None else None,
         )
 
     def set_state(self, state: Any, latches: Mapping[str, Latch]) -> None:
@@ -262,14 +262,14 @@ class ClosedGrasps:
         Raises:
             StateError: It names others.
         """
-        told = entries(state, ("closed", "attached", "rows", "motion"), "ClosedGrasps")
-        if unknown := {*told["closed"], *told["rows"], told["attached"]} - {*latches, None}:
+        values = entries(state, ("closed", "attached", "rows", "motion"), "ClosedGrasps")
+        if unknown := {*values["closed"], *values["rows"], values["attached"]} - {*latches, None}:
             raise StateError(f"a state with grasps that there are not: {', '.join(sorted(unknown))}")
-        attached = latches[told["attached"]] if told["attached"] is not None else None
-        self._rows = {name: LatchedBodies(**pose) for name, pose in told["rows"].items()}
-        self._set([latches[name] for name in told["closed"]], attached)
-        if attached is not None and attached.held is not None:
-            attached.held.set_state(told["motion"])
+        attached = latches[values["attached"]] if values["attached"] is not None else None
+        self._rows = {name: LatchedBodies(**pose) for name, pose in values["rows"].items()}
+        self._set([latches[name] for name in values["closed"]], attached)
+        if attached is not None and attached.grasped_motion is not None:
+            attached.grasped_motion.set_state(values["motion"])
 
     def place(self, latch: Latch) -> int:
         """Place of a grasp in the order in which the closed ones closed, from 1; 0 if it is open."""
@@ -281,8 +281,8 @@ class ClosedGrasps:
         Raises:
             RunEnded: A load limit cannot be applied, as the load that it limits is not unique.
         """
-        gone = next((each for each in self.latches if each.grasp.joins_sites_of(latch.grasp)), None)
-        latches = [latch if each is gone else each for each in self.latches]
+        gone = next((other for other in self.latches if other.grasp.joins_sites_of(latch.grasp)), None)
+        latches = [latch if other is gone else other for other in self.latches]
         latches += [] if gone is not None else [latch]
         replaces = gone.grasp.name if gone is not None else ""
         closing = GraspClosing(self._scene, latch, instant, latches.index(latch) + 1, replaces)
@@ -290,9 +290,9 @@ class ClosedGrasps:
             self._rows.pop(replaces, None)
         # One object at most is a child body of the link: its model has no loop. Every other closed grasp closes one, by
         # rows.
-        attaches = latch.held is not None and self._attached in (gone, None)
-        if latch.held is not None and attaches and not self._rows and not self._loops.equalities:
-            record, exchange = closing.first(latch.held)
+        attaches = latch.grasped_motion is not None and self._attached in (gone, None)
+        if latch.grasped_motion is not None and attaches and not self._rows and not self._loops.equalities:
+            record, exchange = closing.first(latch.grasped_motion)
             self._set(latches, latch)
         else:
             # An object that is attached from now on was free but for the rows of the other grasps, and of the models.
@@ -301,8 +301,8 @@ class ClosedGrasps:
             record, exchange = closing.further(self._loops)
             if not attaches:
                 self._rows[latch.grasp.name] = self._latch(latch, record)
-            elif latch.held is not None:
-                latch.held.hold()
+            elif latch.grasped_motion is not None:
+                latch.grasped_motion.hold()
             self._set(latches, latch if attaches else self._attached)
         self._refuse_limits(instant)
         return EventEffect((record,), exchange, self.motion)
@@ -324,12 +324,12 @@ class ClosedGrasps:
         """
         record = open_grasp(self._scene, latch, instant, reason, force_N, torque_N_m)
         self._rows.pop(latch.grasp.name, None)
-        latches, attached = [each for each in self.latches if each is not latch], self._attached
+        latches, attached = [other for other in self.latches if other is not latch], self._attached
         if attached is latch:
-            attached = next((each for each in latches if each.held is not None), None)
-            if attached is not None and attached.held is not None:
+            attached = next((other for other in latches if other.grasped_motion is not None), None)
+            if attached is not None and attached.grasped_motion is not None:
                 self._rows.pop(attached.grasp.name)
-                attached.held.hold()
+                attached.grasped_motion.hold()
         self._set(latches, attached)
         self._refuse_limits(instant)
         return record
@@ -341,12 +341,12 @@ class ClosedGrasps:
             latches: The closed grasps in the order in which they closed.
             records: Earlier closings in order. A further grasp without one is held in its present pose.
         """
-        attached = next((each for each in latches if each.held is not None), None)
+        attached = next((latch for latch in latches if latch.grasped_motion is not None), None)
         last = {record.grasp: record for record in records}
-        rows = [each for each in latches if each is not attached]
-        self._rows = {each.grasp.name: self._latch(each, last.get(each.grasp.name)) for each in rows}
-        if attached is not None and attached.held is not None:
-            attached.held.hold()
+        rows = [latch for latch in latches if latch is not attached]
+        self._rows = {latch.grasp.name: self._latch(latch, last.get(latch.grasp.name)) for latch in rows}
+        if attached is not None and attached.grasped_motion is not None:
+            attached.grasped_motion.hold()
         self._set(latches, attached)
 
     def _latch(self, latch: Latch, record: GraspRecord | None) -> LatchedBodies:
@@ -354,18 +354,18 @@ class ClosedGrasps:
         system, grasp = self._scene.system, latch.grasp
         if record is None:
             return loop_latch(system, grasp, closing_pose(system, self._scene.data, grasp))
-        return loop_latch(system, grasp, ClosingPose(record.held_position_m, record.held_quaternion))
+        return loop_latch(system, grasp, ClosingPose(record.object_position_m, record.object_quaternion))
 
     def _set(self, latches: Sequence[Latch], attached: Latch | None) -> None:
         """Set the closed grasps; the motion with them is at the state in ``data``."""
         self.latches, self._attached = list(latches), attached
-        self.motion = attached.held if attached is not None and attached.held is not None else self._free
+        self.motion = attached.grasped_motion if attached is not None and attached.grasped_motion is not None else self._free
         self._loops.set_closed(self._rows)
-        further = [each for each in self.latches if each is not attached]
-        for each in self.latches:
-            each.hold_by_rows(each is not attached)
+        further = [latch for latch in self.latches if latch is not attached]
+        for latch in self.latches:
+            latch.hold_by_rows(latch is not attached)
         first = [attached.grasp.name] if attached is not None else []
-        self.motion.grasps = (*first, *(each.grasp.name for each in further))
+        self.motion.grasps = (*first, *(latch.grasp.name for latch in further))
 
     def _refuse_limits(self, instant: EventTime) -> None:
         """End the run if a closed grasp has a load limit and the loads are not unique.
@@ -373,13 +373,13 @@ class ClosedGrasps:
         Raises:
             RunEnded: There is one.
         """
-        limited = [each.grasp.name for each in self.latches if each.limit is not None]
+        limited = [latch.grasp.name for latch in self.latches if latch.limit is not None]
         if not limited or not self._rows:
             return
         self._loops.bind(self.motion)
         if self._loops.is_unique():
             return
-        closed = ", ".join(each.grasp.name for each in self.latches)
+        closed = ", ".join(latch.grasp.name for latch in self.latches)
         message = f"the load limit of grasp {limited[0]!r} cannot be applied at t = {instant.time_s:.6g} s"
         reason = f"with {closed} closed, the joints do not determine the split of the load; leave out load_limit"
         raise RunEnded(Outcome.UNSUPPORTED_CONTACT, f"{message}: {reason}")

@@ -75,15 +75,15 @@ class Sites:
 
     def vectors(self, data: Any) -> Vectors:
         """Relative vectors of the sites at the state in ``data``; positions and velocities must be current."""
-        here, there = data.site_xmat[self.robot].reshape(3, 3), data.site_xmat[self.object].reshape(3, 3)
-        place, held = data.site_xpos[self.object], data.xpos[self.link]
+        robot, there = data.site_xmat[self.robot].reshape(3, 3), data.site_xmat[self.object].reshape(3, 3)
+        place, link = data.site_xpos[self.object], data.xpos[self.link]
         for twist, body in ((self._one, self.link), (self._other, self.root)):
             mujoco.mj_objectVelocity(self._model, data, mujoco.mjtObj.mjOBJ_XBODY, body, twist, 0)
         one, other = self._one, self._other  # angular, then linear
         velocity = other[3:] + cross(other[:3], place - data.xpos[self.root])
-        velocity -= one[3:] + cross(one[:3], place - held)
+        velocity -= one[3:] + cross(one[:3], place - link)
         offset: list[float] = (place - data.site_xpos[self.robot]).tolist()
-        return [offset, _rotation(there @ here.T), velocity.tolist(), (other[:3] - one[:3]).tolist()]
+        return [offset, _rotation(there @ robot.T), velocity.tolist(), (other[:3] - one[:3]).tolist()]
 
     def rounding(self, data: Any) -> Nearness:
         """How far the norms of the vectors of the last evaluation may differ where they are equal in exact arithmetic.
@@ -335,9 +335,9 @@ class ClosestApproach:
 
     def set_state(self, state: Any) -> None:
         """Go on from an approach so far."""
-        told = entries(state, ("clock_s", "rounding", "least"), "ClosestApproach")
-        self._clock_s, self._rounding = told["clock_s"], told["rounding"]
-        candidates = told["least"]
+        values = entries(state, ("clock_s", "rounding", "least"), "ClosestApproach")
+        self._clock_s, self._rounding = values["clock_s"], values["rounding"]
+        candidates = values["least"]
         self._least.set_state(
             (ratio, rounding, _Approach(time_s, Nearness(*near))) for ratio, rounding, (time_s, near) in candidates
         )
@@ -365,10 +365,10 @@ class ClosestApproach:
         if first is None:
             return {}
         spread = {
-            name: max(abs(getattr(each.near, name) - value) for each in equals)
+            name: max(abs(getattr(approach.near, name) - value) for approach in equals)
             for name, value in first.near._asdict().items()
         }
         return spread | {
-            "least_s": max(abs(each.time_s - first.time_s) for each in equals),
+            "least_s": max(abs(approach.time_s - first.time_s) for approach in equals),
             "failed_value": max(spread[name] for name in self.bounds.stated),
         }

@@ -61,8 +61,8 @@ class PoseReader:
         slides = len(kinds) - kinds.count("hinge")
         if kinds != ["slide"] * slides + ["hinge"] * (len(kinds) - slides) or len(kinds) > slides + 1:
             return None
-        own = model.body_quat[root]
-        axes = model.jnt_axis[first : first + len(kinds)] @ rotation_matrix(own).T
+        quat = model.body_quat[root]
+        axes = model.jnt_axis[first : first + len(kinds)] @ rotation_matrix(quat).T
         along, hinge = axes[:slides], axes[slides:]
         zeros = np.array([model.qpos0[joint.qpos.start] for joint in joints])
         unlike = [np.abs(one @ one.T - np.eye(len(one))).max(initial=0.0) for one in (along, hinge)]
@@ -73,7 +73,7 @@ class PoseReader:
             return cls(rows, None, 0.0, np.zeros(4), np.zeros(4))
         relative = np.empty((4, 4))  # of each unit quaternion the one that is left of it, in world axes
         for unit, left in zip(np.eye(4), relative, strict=True):
-            mujoco.mju_mulQuat(left, unit, own * (1.0, -1.0, -1.0, -1.0))
+            mujoco.mju_mulQuat(left, unit, quat * (1.0, -1.0, -1.0, -1.0))
         return cls(rows, hinge[0], float(zeros[-1]), relative[:, 1:] @ hinge[0], relative[:, 0].copy())
 
 
@@ -106,8 +106,9 @@ class BaseJointSolver:
         self._step, self._turn, self._axis = np.zeros(model.nv), np.empty(3), np.empty(3)
         if (read := self.reading) is not None:
             self._slides: list[list[float]] = read.slides.tolist()
-            own = None if read.axis is None else (read.axis.tolist(), read.zero, read.sine.tolist(), read.cosine.tolist())
-            self._hinge: tuple[list[float], float, list[float], list[float]] | None = own
+            axis = read.axis
+            reading = None if axis is None else (axis.tolist(), read.zero, read.sine.tolist(), read.cosine.tolist())
+            self._hinge: tuple[list[float], float, list[float], list[float]] | None = reading
 
     def pose(self, position: FloatArray, quaternion: FloatArray) -> None:
         """Write the coordinates for a pose of the base; other coordinates must be current, derived quantities may be stale.
@@ -168,22 +169,22 @@ class BaseJointSolver:
             twist = twist - self._rate @ data.qvel
         self._write(twist, self._qacc)
 
-    def _write(self, twist: FloatArray, own: memoryview[float]) -> None:
+    def _write(self, twist: FloatArray, rates: memoryview[float]) -> None:
         """Write rates of the base joints for a twist of its frame."""
         if not self.free and self.reading is None:
-            own[:] = self._nearest_rates(twist).data
+            rates[:] = self._nearest_rates(twist).data
             return
         p, q, r, x, y, z = twist.tolist()
         if self.free:
             a, b, c, d, e, f, g, h, i = self._axes
-            own[0], own[1], own[2] = x, y, z
-            own[3], own[4], own[5] = a * p + d * q + g * r, b * p + e * q + h * r, c * p + f * q + i * r
+            rates[0], rates[1], rates[2] = x, y, z
+            rates[3], rates[4], rates[5] = a * p + d * q + g * r, b * p + e * q + h * r, c * p + f * q + i * r
             return
         for k, (_, a, b, c) in enumerate(self._slides):
-            own[k] = a * x + b * y + c * z
+            rates[k] = a * x + b * y + c * z
         if self._hinge is not None:
             a, b, c = self._hinge[0]
-            own[-1] = a * p + b * q + c * r
+            rates[-1] = a * p + b * q + c * r
 
     def _nearest_rates(self, twist: FloatArray) -> FloatArray:
         """Least-squares rates of the base joints for a twist of its frame, angular part first, (6,)."""
@@ -220,9 +221,9 @@ class GraspedMotion(Motion):
             system: The system with the grasped object, with a model owned by the run.
             grasp: Bodies and sites of the grasp.
         """
-        (self._qpos, self._held_qpos), (self._dofs, self._held_dofs) = both = shared_joints(scene.system, system)
+        (self._qpos, self._model_qpos), (self._dofs, self._model_dofs) = both = shared_joints(scene.system, system)
         data, trees = mujoco.MjData(system.mj), np.zeros(system.mj.nv, dtype=np.intp)
-        trees[self._held_dofs] = scene.system.dof_trees[self._dofs]
+        trees[self._model_dofs] = scene.system.dof_trees[self._dofs]
         power = free.power
         work, outside = (None, None) if power is None else (power.work, power.outside)
         impulse = None if outside is None else outside.impulse
@@ -235,8 +236,8 @@ class GraspedMotion(Motion):
         self.momenta = (self.momentum, free.momentum)
         self.root, self.link = system.index("body", grasp.root), system.index("body", grasp.link)
         self.bodies = [_same_body(scene.system, body, system) for body in range(self._model.nbody)]
-        own = dict(zip(self._dofs.tolist(), self._held_dofs.tolist(), strict=True))
-        self.dofs = [own.get(dof, -1) for dof in range(self._model.nv)]
+        dof_of = dict(zip(self._dofs.tolist(), self._model_dofs.tolist(), strict=True))
+        self.dofs = [dof_of.get(dof, -1) for dof in range(self._model.nv)]
         self.joints = LatchJoints(scene.system, system, grasp)
         self.placing = BaseJointSolver(self._model, scene.data, tree)
         logged, moving = (self._model, scene.data, free.momentum), (self.model, self.data, self.root)
@@ -259,19 +260,19 @@ class GraspedMotion(Motion):
     def sync_from_system(self) -> None:
         """Start from the state in the system's data, with the object attached as before."""
         free, data = self._free.data, self.data
-        data.qpos[self._held_qpos] = free.qpos[self._qpos]
-        data.qvel[:] = self.own_rates(free.qvel)
+        data.qpos[self._model_qpos] = free.qpos[self._qpos]
+        data.qvel[:] = self.model_rates(free.qvel)
         data.ctrl[:], data.act[:], data.time = free.ctrl, free.act, free.time
         # The logged system has no coordinates for the joints of the latch: they follow from the poses of the two bodies.
         self.joints.write_coordinates(free, data.qpos)
         self._refresh()
 
-    def own_rates(self, rates: FloatArray) -> FloatArray:
+    def model_rates(self, rates: FloatArray) -> FloatArray:
         """Rates of this model for those of the logged system, (nv,)."""
-        own = np.empty(self.model.nv)
-        own[self._held_dofs] = rates[self._dofs]
-        own[self.joints.dofs] = self.joints.rate_rows(self._free.data) @ rates
-        return own
+        model_rates = np.empty(self.model.nv)
+        model_rates[self._model_dofs] = rates[self._dofs]
+        model_rates[self.joints.dofs] = self.joints.rate_rows(self._free.data) @ rates
+        return model_rates
 
     def get_state(self) -> dict[str, FloatArray]:
         """State of its model, and what was written into the model as the grasp closed."""
@@ -281,12 +282,12 @@ class GraspedMotion(Motion):
 
     def set_state(self, state: Any) -> None:
         """Go on from a state; the logged system follows."""
-        told = entries(state, ("data", *WRITTEN), "GraspedMotion")
+        values = entries(state, ("data", *WRITTEN), "GraspedMotion")
         for name in WRITTEN:
             written = getattr(self.model, name)
-            written[:] = fitting(told[name], written.shape, f"GraspedMotion.{name}")
+            written[:] = fitting(values[name], written.shape, f"GraspedMotion.{name}")
         size = mujoco.mj_stateSize(self.model, WHOLE_STATE)
-        mujoco.mj_setState(self.model, self.data, fitting(told["data"], (size,), "GraspedMotion"), WHOLE_STATE)
+        mujoco.mj_setState(self.model, self.data, fitting(values["data"], (size,), "GraspedMotion"), WHOLE_STATE)
         mujoco.mj_forward(self.model, self.data)
         self._follow_with_accelerations()
 
@@ -316,7 +317,7 @@ class GraspedMotion(Motion):
         self.followed.step()
         data, free = self.data, self._free.data
         free.act[:] = data.act
-        free.qacc[self._dofs] = data.qacc[self._held_dofs]
+        free.qacc[self._dofs] = data.qacc[self._model_dofs]
         self.placing.accelerations(self._acceleration_of_object())
 
     def _acceleration_of_object(self) -> FloatArray:
@@ -328,28 +329,28 @@ class GraspedMotion(Motion):
         return np.asarray(total + rows @ data.qvel)
 
 
-def check_grasped_system(free: System, held: System, grasp: Grasp) -> None:
+def check_grasped_system(free: System, system: System, grasp: Grasp) -> None:
     """Check that the object can be grasped without changing its frame, and that its base joints can follow the link.
 
     Args:
         free: The logged system.
-        held: The system with the grasped object.
+        system: The system with the grasped object.
         grasp: Bodies and sites of the grasp.
 
     Raises:
         LookupError: The frame of the object's base differs in the two systems, its base joints cannot take the poses that
             the link brings it to, or an actuator is missing.
     """
-    body, there = free.index("body", grasp.root), held.index("body", grasp.root)
-    if not np.allclose(free.mj.body_ipos[body], held.mj.body_ipos[there], rtol=0.0, atol=_POSE_TOLERANCE):
+    body, there = free.index("body", grasp.root), system.index("body", grasp.root)
+    if not np.allclose(free.mj.body_ipos[body], system.mj.body_ipos[there], rtol=0.0, atol=_POSE_TOLERANCE):
         raise LookupError(
             f"the frame of {grasp.root!r} is moved to its mass centre while it is free (align): write align false"
         )
-    if free.names("actuator") != held.names("actuator"):
+    if free.names("actuator") != system.names("actuator"):
         raise LookupError(f"an actuator drives the joint by which {grasp.root!r} is free")
     data = mujoco.MjData(free.mj)
     mujoco.mj_forward(free.mj, data)
-    scene, model = Scene(free, data), held.copy()
+    scene, model = Scene(free, data), system.copy()
     motion = GraspedMotion(Motion(free.mj, data), scene, model, grasp)
     motion.hold()
     for k in range(1, _CONFIGURATIONS + 1):

@@ -32,7 +32,7 @@ class Latch:
         grasp: Its bodies and sites.
         sites: The sites in the logged system.
         contacts: Names of the contact rules and pairs whose impact closes it.
-        held: The motion in which its object is a child of the link; None for a grasp between two objects, which rows hold.
+        grasped_motion: The motion in which its object is a child of the link; None between two objects, which rows keep.
         load: Load of the link on the object while it is closed, by whatever holds it.
         limit: Load at which it opens; None: it bears any.
         armed: Whether it may close.
@@ -72,11 +72,13 @@ class Latch:
         """
         self.number, self.grasp, self._data = number, grasp, scene.data
         self.sites = Sites(scene.system, grasp)
-        self.held = GraspedMotion(free, scene, system, grasp) if system is not None else None
+        self.grasped_motion = GraspedMotion(free, scene, system, grasp) if system is not None else None
         site = scene.data.site_xpos[self.sites.object]
-        self._of_child = InterfaceLoad(self.held, site, scene.data, others) if self.held is not None else None
+        self._of_child = (
+            InterfaceLoad(self.grasped_motion, site, scene.data, others) if self.grasped_motion is not None else None
+        )
         self._of_rows = LoopLoad(grasp.name, loops, site)
-        self._others = tuple(each for each in others if isinstance(each, Replayable))
+        self._others = tuple(other for other in others if isinstance(other, Replayable))
         self.load: InterfaceLoad | LoopLoad = self._of_child or self._of_rows
         self.limit = LoadLimit(config.load_limit, self._load_now) if config.load_limit is not None else None
         self.contacts = frozenset(config.when.touch or ())
@@ -93,12 +95,12 @@ class Latch:
 
     def set_state(self, state: Any) -> None:
         """Go on from a state."""
-        told = entries(state, ("armed", "closest"), f"grasp {self.grasp.name}")
-        self.armed, self._step_start, self._step_end = bool(told["armed"]), None, (math.nan, [])
+        values = entries(state, ("armed", "closest"), f"grasp {self.grasp.name}")
+        self.armed, self._step_start, self._step_end = bool(values["armed"]), None, (math.nan, [])
         self.closest = None
-        if told["closest"] is not None and self._bounds is not None:
+        if values["closest"] is not None and self._bounds is not None:
             self.closest = ClosestApproach(self._bounds, math.nan)
-            self.closest.set_state(told["closest"])
+            self.closest.set_state(values["closest"])
 
     @property
     def watches(self) -> bool:
@@ -126,7 +128,7 @@ class Latch:
     def load_accuracy(self) -> dict[str, float]:
         """How far rounding of the state in ``data`` changes its load through contact forces, by field of a record."""
         load = self.load.now()
-        varied = [self.load.now() - load for each in self._others if each.active for _ in each.varied_forces()]
+        varied = [self.load.now() - load for other in self._others if other.active for _ in other.varied_forces()]
         force, torque = np.linalg.norm(np.reshape(varied, (-1, 2, 3)), axis=2).sum(axis=0).tolist()
         return {"force_N": force, "torque_N_m": torque}
 

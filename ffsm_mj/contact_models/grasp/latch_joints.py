@@ -54,8 +54,8 @@ def plastic_impulse(
         stopped: Orthonormal components of the relative twist that are stopped, (n, 6); None: all six.
     """
     J = relative_twist_rows(model, data, first, second, point)
-    found = MassWeightedRows(mass_matrix(model, data), J if stopped is None else stopped @ J).plastic(data.qvel)
-    return found if stopped is None else replace(found, impulses=found.impulses @ stopped)
+    plastic = MassWeightedRows(mass_matrix(model, data), J if stopped is None else stopped @ J).plastic(data.qvel)
+    return plastic if stopped is None else replace(plastic, impulses=plastic.impulses @ stopped)
 
 
 _TURN = 2.0 * math.pi
@@ -93,19 +93,19 @@ class LatchJoints:
         dofs: Their degrees of freedom in that system.
     """
 
-    def __init__(self, free: System, held: System, grasp: Grasp) -> None:
+    def __init__(self, free: System, grasped: System, grasp: Grasp) -> None:
         """Look up sites and joints.
 
         Args:
             free: The system without the grasp.
-            held: The system in which it is closed.
+            grasped: The system in which it is closed.
             grasp: The grasp.
         """
         self._free, self._joint, self._sites = free.mj, grasp.joint, Sites(free, grasp)
         self._joints: list[tuple[Joint, int]] = [
-            (held.joints[name], held.index("joint", name)) for name in map(grasp.joint_name, grasp.joint.joints)
+            (grasped.joints[name], grasped.index("joint", name)) for name in map(grasp.joint_name, grasp.joint.joints)
         ]
-        self._root = held.index("body", grasp.root)
+        self._root = grasped.index("body", grasp.root)
         self.dofs = np.array([d for joint, _ in self._joints for d in range(joint.dofs.start, joint.dofs.stop)], dtype=int)
 
     def axis(self, data: Any) -> FloatArray:
@@ -176,19 +176,19 @@ class LatchJoints:
         one, other = (_frame(data, site) for site in (self._sites.robot, self._sites.object))
         turn = np.empty(4)
         mujoco.mju_mat2Quat(turn, (one.T @ other).ravel())
-        found = []
+        coordinates = []
         for kind in self._joint.joints:
             if kind == "slide":
                 offset = data.site_xpos[self._sites.object] - data.site_xpos[self._sites.robot]
-                found.append(np.array([offset @ self.axis(data)]))
+                coordinates.append(np.array([offset @ self.axis(data)]))
             elif kind == "hinge":
                 # The rotation about the axis that brings the frames closest.
-                found.append(np.array([2.0 * math.atan2(float(turn[1:] @ self._joint.axis), float(turn[0]))]))
+                coordinates.append(np.array([2.0 * math.atan2(float(turn[1:] @ self._joint.axis), float(turn[0]))]))
             else:
                 body = data.xmat[self._sites.root].reshape(3, 3)  # the same rotation in the axes of the object
                 mujoco.mju_mat2Quat(turn, (body.T @ other @ one.T @ body).ravel())
-                found.append(turn)
-        return found
+                coordinates.append(turn)
+        return coordinates
 
     def _write_reference(self, data: Any, model: Any, coordinates: list[FloatArray]) -> None:
         """Write the pose that the object has on the link where the coordinates of the joints are zero."""

@@ -85,7 +85,7 @@ def linearize_grasp(
     """
     nv, event = system.mj.nv, _Closing(system, data, grasp, bounds)
     qpos, qvel = np.array(data.qpos), np.array(data.qvel)
-    columns = np.hstack([event.differences(qpos, qvel, of_velocity=each) for each in (False, True)])
+    columns = np.hstack([event.differences(qpos, qvel, of_velocity=item) for item in (False, True)])
     guard, by_state = columns[-1], columns[:-1]
     closed = event.closing(qpos, qvel)
     after = qvel + closed.change
@@ -154,9 +154,9 @@ class _Closing(SmoothEvent):
 
     def outcome(self, qpos: FloatArray, qvel: FloatArray) -> FloatArray:
         """Velocities after, impulse, loss, and the ratio that decides, (nv + 8,)."""
-        found = self.closing(qpos, qvel)
+        closing = self.closing(qpos, qvel)
         ratio = Nearness.of(self._sites.vectors(self._data))[self._which] / self._bound
-        return np.concatenate((qvel + found.change, found.impulses, [found.loss_J, ratio]))
+        return np.concatenate((qvel + closing.change, closing.impulses, [closing.loss_J, ratio]))
 
     def closed_acceleration(self, qpos: FloatArray, qvel: FloatArray, effort: FloatArray | None) -> FloatArray:
         """Accelerations with the grasp closed: a + M^-1 J^T lambda with J a = -dJ/dt v, (nv,)."""
@@ -169,8 +169,8 @@ class _Closing(SmoothEvent):
             ends.append(self._rows(q))
         drift = (ends[1] - ends[0]) @ qvel / (2.0 * STEP)
         answer = np.linalg.solve(M, J.T)
-        held = np.linalg.lstsq(J @ answer, J @ free + drift, rcond=RANK)[0]
-        return free - answer @ held
+        forces = np.linalg.lstsq(J @ answer, J @ free + drift, rcond=RANK)[0]
+        return free - answer @ forces
 
     def _rows(self, qpos: FloatArray) -> FloatArray:
         """Rows of the relative twist that the latch stops, at the object's site, (n, nv)."""

@@ -39,19 +39,19 @@ class InterfaceLoad:
     MuJoCo's values are stored at each state, and converted for many rows at once.
     """
 
-    def __init__(self, held: GraspedMotion, site: FloatArray, seen: Any, others: Sequence[ForceSource] = ()) -> None:
+    def __init__(self, motion: GraspedMotion, site: FloatArray, seen: Any, others: Sequence[ForceSource] = ()) -> None:
         """Bind to the motion of a grasp.
 
         Args:
-            held: Its motion while closed.
+            motion: Its motion while closed.
             site: Position of the object's site, world axes, m: a live array, (3,).
             seen: Data of the logged system.
             others: Contact models that may exert forces on the motion: persistent contact, springs.
         """
-        self._model, self._data, self._copy_efforts = held.model, held.data, held.copy_efforts
-        self._held, self._site, self._seen, self._others = held, site, seen, tuple(others)
+        self._model, self._data, self._copy_efforts = motion.model, motion.data, motion.copy_efforts
+        self._motion, self._site, self._seen, self._others = motion, site, seen, tuple(others)
         # MuJoCo gives cfrc_int as (torque, force) about the mass centre of the whole tree.
-        self._raw = held.interface, held.centre, site
+        self._raw = motion.interface, motion.centre, site
         self._views = [numbers(part) for part in self._raw]
 
     def _refresh(self) -> FloatArray:
@@ -74,9 +74,9 @@ class InterfaceLoad:
         Reactive models recompute their forces for the current efforts: their last ``push`` was evaluated under the previous
         ones.
         """
-        applied, grasped, on_object = self._data.qfrc_applied, self._held.grasped_bodies, np.zeros(6)
+        applied, grasped, on_object = self._data.qfrc_applied, self._motion.grasped_bodies, np.zeros(6)
         applied.fill(0.0)
-        for contact_model in [each for each in self._others if each.active and each.pushes]:
+        for contact_model in [other for other in self._others if other.active and other.pushes]:
             wrenches = contact_model.wrenches(self._seen)
             if contact_model.is_reactive:
                 contact_model.add_forces(applied)

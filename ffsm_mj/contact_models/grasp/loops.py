@@ -86,15 +86,15 @@ def loop_latch(system: System, grasp: Grasp, pose: ClosingPose) -> LatchedBodies
         pose: Pose at the closing.
     """
     model = system.mj
-    robot, held = system.index("site", grasp.robot_site), system.index("site", grasp.object_site)
+    robot, object_site = system.index("site", grasp.robot_site), system.index("site", grasp.object_site)
     axes = rotation_matrix(model.site_quat[robot]) @ axes_about(grasp.joint.axis)
     stopped = stopped_along_axes(grasp.joint.kind)
-    return LatchedBodies.at_pose(_bodies(system, grasp), np.array(model.site_pos[held]), axes, stopped, *pose)
+    return LatchedBodies.at_pose(_bodies(system, grasp), np.array(model.site_pos[object_site]), axes, stopped, *pose)
 
 
 def _bodies(system: System, grasp: Grasp) -> tuple[int, int]:
     """Ids of the bodies of the robot's site and the object's."""
-    sites = (system.index("site", each) for each in (grasp.robot_site, grasp.object_site))
+    sites = (system.index("site", name) for name in (grasp.robot_site, grasp.object_site))
     link, body = (int(system.mj.site_bodyid[site]) for site in sites)
     return link, body
 
@@ -105,28 +105,28 @@ class LoopExchange:
     Attributes:
         outside: Whether latches join fixed bodies with the robot, and with objects, (2,).
         crosses: Whether rows join different subsystems.
-        taken: Unit wrenches that fixed bodies take through latches, (k, 6): all six or none.
+        to_fixed_bodies: Unit wrenches that fixed bodies take through latches, (k, 6): all six or none.
     """
 
     def __init__(self, scene: Scene) -> None:
         """Initialise with no latches."""
         self._scene = scene
         self.outside: BoolArray = np.zeros(2, dtype=np.bool_)
-        self.taken: FloatArray = np.empty((0, 6))
+        self.to_fixed_bodies: FloatArray = np.empty((0, 6))
         self.crosses = False
         self._stages: list[tuple[FloatArray, float]] = []
 
     def bind(self, motion: Motion, sources: Sequence[RowSource]) -> None:
         """Use a motion with some rows held."""
         self._motion, self._robot = motion, robot_dofs(self._scene.system, motion)
-        latches = {i: each for i, each in enumerate(sources) if isinstance(each, LatchedBodies)}
+        latches = {i: source for i, source in enumerate(sources) if isinstance(source, LatchedBodies)}
         bodies = [(latch.first, latch.second) for latch in latches.values()]
         signs = [exchange_signs(self._scene.system, *both, motion.grasped_bodies) for both in bodies]
         self._signs = np.array(signs).reshape(-1, 3)
         self._places = [*latches]
         self.outside = np.any(self._signs[:, 1:] != 0.0, axis=0)
-        self.taken = np.eye(6) if self.outside.any() else np.empty((0, 6))
-        self._passes_power = bool(self._signs[:, 0].any()) or any(self._couples(each) for each in sources)
+        self.to_fixed_bodies = np.eye(6) if self.outside.any() else np.empty((0, 6))
+        self._passes_power = bool(self._signs[:, 0].any()) or any(self._couples(source) for source in sources)
         self.crosses = bool(self._signs.any()) or self._passes_power
         self.clear()
 
@@ -148,33 +148,33 @@ class LoopExchange:
             forces: Forces of all rows, (n,).
             generalised: Their generalised forces, (nv,).
         """
-        loops, flight, data = self._motion.loops, self._motion.forced, self._motion.data
-        if loops is None or flight is None:
+        loops, forced, data = self._motion.loops, self._motion.forced, self._motion.data
+        if loops is None or forced is None:
             return
         wrenches = np.empty((len(self._signs), 6))
         for i, wrench in zip(self._places, wrenches, strict=True):
             point, wrench[:3], wrench[3:] = loops.wrench(i, forces)
             wrench[3:] += np.cross(point, wrench[:3])
         power = float(generalised[self._robot] @ data.qvel[self._robot])
-        if flight.repeats:
-            self._stages[flight.repeats] = wrenches, power
+        if forced.repeats:
+            self._stages[forced.repeats] = wrenches, power
         else:
             self._stages.append((wrenches, power))
 
     def over(self, duration_s: float, projected: Exchange | None) -> Exchange | None:
         """Exchange in the (sub-)step, with that of the projection at its start, if any."""
-        flight = self._motion.forced
-        if not self.crosses or flight is None:
+        forced = self._motion.forced
+        if not self.crosses or forced is None:
             return projected
-        weights = duration_s * flight.weights
+        weights = duration_s * forced.weights
         # The last entry of all is the evaluation at the end of the step.
         stages = self._stages[-1 - len(weights) : -1]
         impulses = np.einsum("s,slc->lc", weights, np.array([wrenches for wrenches, _ in stages]))
         on_objects, *outside = self._signs.T @ impulses
-        own = float(weights @ [power for _, power in stages])
+        of_robot = float(weights @ [power for _, power in stages])
         # Fixed bodies take no power: what the robot gains, objects that move lose.
-        of_objects = 0.0 if self.outside.any() and not self._passes_power else -own
-        return sum_exchanges(projected, Exchange(np.array((0.0, own, of_objects)), on_objects, np.array(outside)))
+        of_objects = 0.0 if self.outside.any() and not self._passes_power else -of_robot
+        return sum_exchanges(projected, Exchange(np.array((0.0, of_robot, of_objects)), on_objects, np.array(outside)))
 
 
 _TAKES_PART = 1e-9
@@ -237,11 +237,11 @@ class LoopForces(ForceSource):
         """
         super().__init__(scene)
         equalities = equalities_of(scene.system.mj)
-        self.equalities: tuple[RowSource, ...] = tuple(each.source for each in equalities)
+        self.equalities: tuple[RowSource, ...] = tuple(equality.source for equality in equalities)
         if equalities:
-            signals = [load_signals(scene.system.mj, each) for each in equalities]
-            self._loads = LoadSample(np.array([len(each) for each in signals]), others)
-            every = tuple(signal for each in signals for signal in each)
+            signals = [load_signals(scene.system.mj, equality) for equality in equalities]
+            self._loads = LoadSample(np.array([len(group) for group in signals]), others)
+            every = tuple(signal for group in signals for signal in group)
             self.columns = (Columns(every, self._loads.values, None, self._loads, None, self._loads_now),)
         self._projection = StateProjection(scene, "loops")
         self.columns = (*self.columns, *self._projection.columns)
@@ -271,7 +271,7 @@ class LoopForces(ForceSource):
     def _update(self) -> None:
         """Let the motion know the rows; nothing is chosen yet of what depends on the state."""
         motion, sources = self.motion, (*self.equalities, *self._latches.values())
-        latches = [each for each in sources if isinstance(each, LatchedBodies)]
+        latches = [source for source in sources if isinstance(source, LatchedBodies)]
         motion.disabled = rigid_pairs(self.scene.system.mj, motion, latches)
         self.active, self._projected = bool(sources) or self._rubs, None
         self._exchanged.bind(motion, sources)
@@ -318,13 +318,15 @@ class LoopForces(ForceSource):
         self._latches[name] = latch
         self._update()
         assert motion.loops is not None
-        found = motion.loops.plastic()
-        wrenches = {each: self._wrench(self._place(each), found.impulses) for each in self._latches}
-        motion.data.qvel[:] += found.change
+        plastic = motion.loops.plastic()
+        wrenches = {latched: self._wrench(self._place(latched), plastic.impulses) for latched in self._latches}
+        motion.data.qvel[:] += plastic.change
         mujoco.mj_forward(motion.model, motion.data)
         motion.path.on_event_located()
-        left = motion.model.nv - found.rank
-        return LoopClosing(wrenches, found.change, found.loss_J, found.rank - rank, latch.count, found.least_ratio, left)
+        left = motion.model.nv - plastic.rank
+        return LoopClosing(
+            wrenches, plastic.change, plastic.loss_J, plastic.rank - rank, latch.count, plastic.least_ratio, left
+        )
 
     def open(self, name: str) -> None:
         """Open a latch; velocities are continuous. No effect if it is not closed. The motion must be bound again."""
@@ -351,10 +353,10 @@ class LoopForces(ForceSource):
 
     def set_state(self, state: Any) -> None:
         """Use these combinations."""
-        told = entries(state, ("combinations", "projection"), "LoopForces")
+        values = entries(state, ("combinations", "projection"), "LoopForces")
         if self.motion.loops is not None:
-            self.motion.loops.set_state(told["combinations"])
-        self._projection.set_state(told["projection"])
+            self.motion.loops.set_state(values["combinations"])
+        self._projection.set_state(values["projection"])
 
     def names(self) -> str:
         """The closed latches."""
@@ -378,8 +380,8 @@ class LoopForces(ForceSource):
         # Rows are held as accelerations: positions and rates drift by rounding and truncation (Hairer & Wanner, sec. VII.2).
         if needs_projection(*loops.drift(), 0.0):
             nv = self.motion.model.nv
-            taken, outside = self._exchanged.taken, self._exchanged.outside
-            self._projected = self._projection.apply(self.motion, lambda: no_contacts(nv), taken, outside)
+            displaced, outside = self._exchanged.to_fixed_bodies, self._exchanged.outside
+            self._projected = self._projection.apply(self.motion, lambda: no_contacts(nv), displaced, outside)
 
     def continue_step(self) -> None:
         """Go on without projection."""
@@ -437,13 +439,13 @@ class LoopForces(ForceSource):
 
         Couplings of joints and tendons act as efforts do: between links.
         """
-        loops, found = self.motion.loops, list[Wrench]()
+        loops, pairwise = self.motion.loops, list[Wrench]()
         if loops is not None:
             for place, (point, force, torque) in self._under_efforts().wrenches.items():
                 latch = loops.sources[place]
                 assert isinstance(latch, LatchedBodies)
-                found += [Wrench(latch.first, point, -force, -torque), Wrench(latch.second, point, force, torque)]
-        return found
+                pairwise += [Wrench(latch.first, point, -force, -torque), Wrench(latch.second, point, force, torque)]
+        return pairwise
 
     def add_forces(self, applied: FloatArray) -> None:
         """Add the generalised forces of the latches under the efforts in ``data``."""
@@ -454,14 +456,14 @@ class LoopForces(ForceSource):
         """Forces of the latches at the state in ``data`` under its efforts."""
         loops, applied, smooth = self.motion.loops, np.zeros(self.motion.model.nv), self._smooth
         assert loops is not None
-        for each in self._others:
-            if each.active and each.pushes:
-                each.add_forces(applied)
+        for other in self._others:
+            if other.active and other.pushes:
+                other.add_forces(applied)
         place, load, known = smooth.place(), smooth.load(applied), self._known
         if known is None or known.place is not place or known.load is not load:
             generalised = loops.generalised(smooth.force(applied))
             forces = loops.forces
-            latches = [i for i, each in enumerate(loops.sources) if isinstance(each, LatchedBodies)]
+            latches = [i for i, source in enumerate(loops.sources) if isinstance(source, LatchedBodies)]
             wrenches = {i: loops.wrench(i, forces) for i in latches}
             known = self._known = _LoopState(place, load, forces, generalised, wrenches)
         return known

@@ -61,7 +61,7 @@ class LoadReport:
         self._latches, self._closed, self._alone = tuple(latches), closed, len(sets) == 1
         self._buffers = [LoadBuffer() for _ in sets]
         self._logged = np.zeros(len(sets))
-        signals = tuple(signal for each in sets for signal in each.signals)
+        signals = tuple(signal for columns in sets for signal in columns.signals)
         self.columns = Columns(signals, None, self._table, self._write, self._resume, self._at_state, self._at_event)
 
     def get_state(self) -> list[Any]:
@@ -70,8 +70,8 @@ class LoadReport:
 
     def set_state(self, state: Any) -> None:
         """Go on with these loads."""
-        for buffer, told in zip(self._buffers, state, strict=True):
-            buffer.set_state(told)
+        for buffer, values in zip(self._buffers, state, strict=True):
+            buffer.set_state(values)
 
     def _now(self) -> list[tuple[LoadBuffer, int, Latch | None]]:
         """Each set of columns with what is closed of it."""
@@ -126,7 +126,7 @@ class LoadReport:
             number = float(self._logged[0])
             return [self._latches[int(number) - 1]] if 1.0 <= number <= len(self._latches) else []
         places = [(place, latch) for place, latch in zip(self._logged.tolist(), self._latches, strict=True) if place >= 1.0]
-        return [latch for _, latch in sorted(places, key=lambda each: each[0])]
+        return [latch for _, latch in sorted(places, key=lambda entry: entry[0])]
 
 
 ARM, DISARM, RELEASE = "arm", "disarm", "release"
@@ -159,7 +159,7 @@ class GraspModel(EventSource, Replayable):
         """
         super().__init__(scene)
         forces = (loops, *others)
-        self._latches = {each[0].name: Latch(i, scene, free, *each, loops, forces) for i, each in enumerate(grasps, start=1)}
+        self._latches = {pair[0].name: Latch(i, scene, free, *pair, loops, forces) for i, pair in enumerate(grasps, start=1)}
         self._closed = ClosedGrasps(scene, free, loops)
         self._step_s = float(scene.system.mj.opt.timestep)
         self._closing: list[Latch] = []
@@ -187,7 +187,7 @@ class GraspModel(EventSource, Replayable):
         return self.State(
             get_states(self._latches),
             self._closed.get_state(),
-            [each.grasp.name for each in self._closing],
+            [latch.grasp.name for latch in self._closing],
             self._goes_on,
             self._opening.grasp.name if self._opening is not None else None,
             set(self._requests),
@@ -196,13 +196,13 @@ class GraspModel(EventSource, Replayable):
 
     def set_state(self, state: Any) -> None:
         """Go on from a state; the motion is that of :meth:`current_motion`."""
-        told = entries(state, [each.name for each in fields(self.State)], "GraspModel")
-        set_states(self._latches, told["latches"], "GraspModel")
-        self._closed.set_state(told["closed"], self._latches)
-        self._closing, self._goes_on = [self._latches[name] for name in told["closing"]], told["goes_on"]
-        self._opening = None if told["opening"] is None else self._latches[told["opening"]]
-        self._requests = set(told["requests"])
-        self._report.set_state(told["report"])
+        values = entries(state, [field.name for field in fields(self.State)], "GraspModel")
+        set_states(self._latches, values["latches"], "GraspModel")
+        self._closed.set_state(values["closed"], self._latches)
+        self._closing, self._goes_on = [self._latches[name] for name in values["closing"]], values["goes_on"]
+        self._opening = None if values["opening"] is None else self._latches[values["opening"]]
+        self._requests = set(values["requests"])
+        self._report.set_state(values["report"])
 
     def current_motion(self) -> Motion:
         """The motion with the closed grasps."""
@@ -218,13 +218,15 @@ class GraspModel(EventSource, Replayable):
     @property
     def disarmed(self) -> dict[str, frozenset[frozenset[int]]]:
         """Pairs of geoms that are on one rigid body while a grasp alone is closed, by grasp name."""
-        return {name: latch.held.disabled for name, latch in self._latches.items() if latch.held is not None}
+        return {
+            name: latch.grasped_motion.disabled for name, latch in self._latches.items() if latch.grasped_motion is not None
+        }
 
     def data_of(self, grasp: str) -> Any:
         """MuJoCo data of the motion while a grasp of the robot is the first closed one."""
-        held = self._latches[grasp].held
-        assert held is not None
-        return held.data
+        grasped_motion = self._latches[grasp].grasped_motion
+        assert grasped_motion is not None
+        return grasped_motion.data
 
     def names(self) -> str:
         """The grasps that are armed or closed."""
@@ -314,7 +316,7 @@ class GraspModel(EventSource, Replayable):
         asked, self._requests, self._opening = self._requests, set(), None
         records: list[Any] = []
         accuracy: dict[str, float] = {}
-        for latch in [each for each in self._closed.latches if f"{each.grasp.name}.{RELEASE}" in asked]:
+        for latch in [closed for closed in self._closed.latches if f"{closed.grasp.name}.{RELEASE}" in asked]:
             records.append(self._closed.open(latch, instant))
         released = bool(records)
         for name, latch in self._latches.items():
@@ -353,7 +355,7 @@ class GraspModel(EventSource, Replayable):
     def _disarm(self, latch: Latch, instant: EventTime) -> list[Any]:
         """Disarm the latch; record a near miss if it was armed with bounds and never closed."""
         latch.disarm()
-        self._closing = [each for each in self._closing if each is not latch]
+        self._closing = [other for other in self._closing if other is not latch]
         closest = latch.end_approach()
         missed = near_miss(self.scene, latch.grasp.name, closest, instant) if closest is not None else None
         return [] if missed is None else [missed]
@@ -402,8 +404,8 @@ class GraspModel(EventSource, Replayable):
 
 def _one_per_sites(latches: Sequence[Latch]) -> list[Latch]:
     """The first of those that join the same two sites, each once."""
-    found: list[Latch] = []
+    first: list[Latch] = []
     for latch in latches:
-        if not any(latch.grasp.joins_sites_of(each.grasp) for each in found):
-            found.append(latch)
-    return found
+        if not any(latch.grasp.joins_sites_of(other.grasp) for other in first):
+            first.append(latch)
+    return first

@@ -58,13 +58,13 @@ class GraspRecord:
         "robot is attached as a child body of the link; further ones are held by rows.",
         column="place in the order in which the closed grasps closed, from 1",
     )
-    held_position_m: Values = declared(
+    object_position_m: Values = declared(
         "Origin of the object's base in the frame of the grasping link: of an attached object where the latch's "
         "joints are at 0, of a further grasp at its closing.",
         column=None,
         components="xyz",
     )
-    held_quaternion: Values = declared(
+    object_quaternion: Values = declared(
         "Orientation of the object's base in that frame, w, x, y, z; likewise.", column=None, components="wxyz"
     )
     rank: int = declared(
@@ -193,7 +193,7 @@ def _grasped(record: GraspRecord) -> str:
         sites += f", a further grasp of rank {record.rank}, mobility {record.mobility}"
     effect = f"impulse {impulse:.5g} N s and {moment:.5g} N m s, loss {record.loss_J:.5g} J"
     singular = f"; nearly singular: least singular value {record.least_ratio:.1e}" if _singular(record) else ""
-    return f"grasp {record.grasp} closes: {sites}, {effect}{singular}"
+    return f"grasp {record.grasp!r} closes: {sites}, {effect}{singular}"
 
 
 def _singular(record: GraspRecord) -> bool:
@@ -211,14 +211,14 @@ def _released(record: ReleaseRecord) -> str:
     load = (
         f" at its load limit: {record.force_N:.5g} N and {record.torque_N_m:.5g} N m" if record.reason != "request" else ""
     )
-    return f"release {record.grasp}{load}"
+    return f"release of {record.grasp!r}{load}"
 
 
 def _missed(record: NearMissRecord) -> str:
     """The violated bounds at the closest approach, the worst first."""
     beyond = [(getattr(record, name) / bound, name) for name, (bound,) in record.bounds.items()]
     failed = [f"{_beyond(record, name)} ({ratio:.4g} times)" for ratio, name in sorted(beyond, reverse=True) if ratio > 1.0]
-    return f"near miss {record.grasp}: {'; '.join(failed)}; closest approach at t = {record.least_s:.6g} s"
+    return f"near miss of {record.grasp!r}: {'; '.join(failed)}; closest approach at t = {record.least_s:.6g} s"
 
 
 def _beyond(record: NearMissRecord, name: str) -> str:

@@ -130,9 +130,9 @@ class RuleGaps:
 
     def set_state(self, state: Any) -> None:
         """Go on from a state."""
-        told = entries(state, ("gaps", "last_s"), "RuleGaps")
-        self._gaps[:] = fitting(told["gaps"], self._gaps.shape, "RuleGaps")
-        self._period.last_s, self._period.is_resumed = told["last_s"], False
+        values = entries(state, ("gaps", "last_s"), "RuleGaps")
+        self._gaps[:] = fitting(values["gaps"], self._gaps.shape, "RuleGaps")
+        self._period.last_s, self._period.is_resumed = values["last_s"], False
 
     def __init__(self, scene: Scene, pairs: Sequence[ContactPair]) -> None:
         """Group the pairs by rule."""
@@ -140,7 +140,7 @@ class RuleGaps:
         rules: dict[str, list[ContactPair]] = {}
         for pair in pairs:
             rules.setdefault(pair.rule, []).append(pair)
-        self._rules = [(each, BroadPhase(self._model, each)) for each in rules.values()]
+        self._rules = [(group, BroadPhase(self._model, group)) for group in rules.values()]
         self._gaps = np.full(len(rules), math.nan)
         signals = tuple(
             Signal("contact", f"{identifier(rule)}_gap_m", "m", _MEANING.format(rule, PERIOD_S)) for rule in rules

@@ -193,12 +193,12 @@ class ImpactLaw(Protocol):
         solution = solve_impact(self, problem)
         again = friction_of(self, solution)
         yield float(np.abs(impulses - again.impulses[0]).max() * np.abs(problem.J @ problem.qvel).max())
-        for logged, found in (
+        for logged, work in (
             (contact.normal_work_J, again.normal_work),
             (contact.friction_work_J, again.friction_work),
             (contact.compression_work_J, again.compression_work),
         ):
-            yield abs(logged - float(found[0]))
+            yield abs(logged - float(work[0]))
         if (contact.status, contact.path, contact.law, contact.theta) != (
             solution.status,
             again.paths[0],
@@ -313,8 +313,8 @@ class _BuiltIn(ImpactLaw):
         # Imported only for contacts with friction: its solvers take time to load.
         from ffsm_mj.contact_models.impact.friction import impact_with_friction
 
-        found = impact_with_friction(problem.A, problem.w, problem.mu, problem.restitution, self.name)
-        return ImpactSolution(found.impulses[:, 0], found.status, found.law, found)
+        solution = impact_with_friction(problem.A, problem.w, problem.mu, problem.restitution, self.name)
+        return ImpactSolution(solution.impulses[:, 0], solution.status, solution.law, solution)
 
 
 class Blend(_BuiltIn):

@@ -183,14 +183,14 @@ class _Event(SmoothEvent):
             UnsupportedContactError: They are several, or other contact modes than in the first call occur.
         """
         contact = self._contact(qpos, qvel, self._e if restitution is None else restitution)
-        found = resolve(self._model, self._data, [contact], self._law)
-        path = f"{found.status} {found.friction.paths[0] if found.friction is not None else ''}"
+        outcome = resolve(self._model, self._data, [contact], self._law)
+        path = f"{outcome.status} {outcome.friction.paths[0] if outcome.friction is not None else ''}"
         if self._path is None:
             self._path = path
         elif path != self._path:
             modes = f"{self._path.strip()}, or {path.strip()}"
             raise UnsupportedContactError(f"{self._pair}: the contact modes change here ({modes}): no derivative exists")
-        return found
+        return outcome
 
     def row(self, qpos: FloatArray) -> FloatArray:
         """Gradient of the gap, (nv,)."""

@@ -91,7 +91,7 @@ def impact_records(
     shared = _shared_fields(system, data, impact, energies)
     points = contact_points(touching)
     stated = [pair.restitution for pair, _, _ in points]
-    omitted = [_omitted_flights(*each) for each in zip(met.speeds.tolist(), met.pressing.tolist(), stated, strict=True)]
+    omitted = [_omitted_flights(*values) for values in zip(met.speeds.tolist(), met.pressing.tolist(), stated, strict=True)]
     records: list[ImpactRecord | LimitImpactRecord] = []
     for i, (pair, near, point) in enumerate(points):
         common = {
@@ -137,18 +137,18 @@ def _at_point(
 
 def _at_limit(limit: JointLimit, near: Proximity, value: float, impact: Impact, i: int, **common: Any) -> LimitImpactRecord:
     """Record of a joint at its limit, at a coordinate ``value``."""
-    found = _friction(impact, i)
+    friction = _friction(impact, i)
     return LimitImpactRecord(
         joint=limit.joint,
         side=limit.side,
         unit=limit.unit,
         value=value,
         limit=limit.limit,
-        theta=found.get("theta", 1.0),
+        theta=friction.get("theta", 1.0),
         approach_rate=float(impact.approach_speeds[i]),
         separation_rate=float(impact.separation_speeds[i]),
         impulse=float(impact.impulses[i]),
-        work_J=found["normal_work_J"],
+        work_J=friction["normal_work_J"],
         gap=near.gap,
         point_m=tuple(near.points[0].tolist()),
         axis=tuple(near.normal.tolist()),
@@ -181,19 +181,19 @@ def _shared_fields(system: System, data: Any, impact: Impact, energies: FloatArr
 
 def _friction(impact: Impact, i: int) -> dict[str, Any]:
     """Fields of a record about friction at one contact, or about its absence."""
-    found = impact.friction
-    if found is None:
+    friction = impact.friction
+    if friction is None:
         mean = 0.5 * float(impact.separation_speeds[i] - impact.approach_speeds[i])
         return {"normal_work_J": float(impact.impulses[i]) * mean}
     return {
-        "theta": found.theta,
-        "tangential_impulse_N_s": tuple(found.impulses[i].tolist()),
-        "slip_before_m_s": tuple(found.slip_before[i].tolist()),
-        "slip_after_m_s": tuple(found.slip_after[i].tolist()),
-        "path": found.paths[i],
-        "normal_work_J": float(found.normal_work[i]),
-        "friction_work_J": float(found.friction_work[i]),
-        "compression_work_J": float(found.compression_work[i]),
+        "theta": friction.theta,
+        "tangential_impulse_N_s": tuple(friction.impulses[i].tolist()),
+        "slip_before_m_s": tuple(friction.slip_before[i].tolist()),
+        "slip_after_m_s": tuple(friction.slip_after[i].tolist()),
+        "path": friction.paths[i],
+        "normal_work_J": float(friction.normal_work[i]),
+        "friction_work_J": float(friction.friction_work[i]),
+        "compression_work_J": float(friction.compression_work[i]),
     }
 
 
@@ -313,7 +313,7 @@ class ImpactModel(Stateful, Detector):
             for near in rounded_rates(qvel):
                 motion.go_to(qpos, near)
                 varied.append(self._records_of(self.closed_pairs(), event))
-            records = min([records, *varied], key=lambda each: apart(each, event.records))
+            records = min([records, *varied], key=lambda candidate: apart(candidate, event.records))
             # Which points stay closed is decided at the logged velocities then.
             data.qvel[:] = event.state_after[system.mj.nq :]
             mujoco.mj_forward(system.mj, data)
@@ -347,8 +347,8 @@ class ImpactModel(Stateful, Detector):
 
         def with_restitution(e: FloatArray) -> Impact:
             contacts = [
-                as_contact(pair, near, point, motion, float(each))
-                for (pair, near, point), each in zip(points, e, strict=True)
+                as_contact(pair, near, point, motion, float(restitution_i))
+                for (pair, near, point), restitution_i in zip(points, e, strict=True)
             ]
             return resolve(motion.model, motion.data, contacts, self._rules.law, motion.constrained)
 
@@ -449,9 +449,9 @@ def _in_order_of(
     left, ordered = list(records), []
     for theirs in logged:
         what = "joint" if isinstance(theirs, LimitImpactRecord) else "pair"
-        alike = [each for each in left if getattr(each, what, None) == getattr(theirs, what)]
+        alike = [contact for contact in left if getattr(contact, what, None) == getattr(theirs, what)]
         if not alike:
             break
-        ordered.append(min(alike, key=lambda each: math.dist(each.point_m, theirs.point_m)))
-        left = [each for each in left if each is not ordered[-1]]
+        ordered.append(min(alike, key=lambda contact: math.dist(contact.point_m, theirs.point_m)))
+        left = [contact for contact in left if contact is not ordered[-1]]
     return (*ordered, *left)

@@ -76,10 +76,10 @@ def _by_joint(qvel: ByName) -> dict[str, float | list[float]]:
 
 def _summary(record: ImpactRecord) -> dict[str, Any]:
     """The place of the contact comes before the solution, the geoms of robot and object if there are such."""
-    found = summary_of(record)
+    summary = summary_of(record)
     first = ("event", "time_s", "pair", "rule", "geoms", "robot_geom", "object_geom", "point_m", "normal")
     without = () if record.robot_geom else ("robot_geom", "object_geom")
-    return {name: found[name] for name in (*first, *found) if name not in without}
+    return {name: summary[name] for name in (*first, *summary) if name not in without}
 
 
 IMPACT = RecordKind(
@@ -92,7 +92,7 @@ IMPACT = RecordKind(
     marks=_marks,
     warning=_warns,
     in_every_run=True,
-    own_numbers=True,
+    numbered_alone=True,
     event_group="impact",
 )
 
@@ -208,6 +208,6 @@ LIMIT_IMPACT = RecordKind(
     summary=summary_of,
     marks=_limit_marks,
     warning=lambda record: record.status in ("energy_guard", "jammed"),
-    own_numbers=True,
+    numbered_alone=True,
     event_group="impact",
 )

@@ -40,7 +40,7 @@ _LEAST = 1e-12
 def impact_fault(records: Sequence[_Record], pairs: Mapping[str, UnilateralConstraint]) -> str:
     """Why the records of an impact do not fit the models, in one word; empty if they do."""
     contacts = [record for record in records if isinstance(record, ImpactRecord)]
-    vectors = (each for c in contacts for each in (c.point_m, c.normal, c.tangential_impulse_N_s))
+    vectors = (v for c in contacts for v in (c.point_m, c.normal, c.tangential_impulse_N_s))
     if any(len(vector) != 3 for vector in vectors):
         return "state"
     return "pair" if any(_name(record) not in pairs for record in records) else ""
@@ -118,7 +118,7 @@ def moved_points(touching: ClosedPairs, scene: Scene, motion: Motion) -> Iterato
     for i, (pair, near) in enumerate(touching if motion.data is not data else ()):
         if not isinstance(pair, ContactPair) or len(near.points) > 1:
             continue
-        share = max((tilt_rounding(each, data, moves=True) for each in features(pair, model, data, near)), default=0.0)
+        share = max((tilt_rounding(feature, data, moves=True) for feature in features(pair, model, data, near)), default=0.0)
         # No rim is larger, and no side much longer, than the distance of the point from the middle of its geom.
         reach = share * float(np.linalg.norm(data.geom_xpos[list(pair.ids)] - near.points[0], axis=1).max())
         if reach > MERGED_M:
@@ -131,9 +131,9 @@ def apart(records: Sequence[_Record], logged: Sequence[_Record]) -> float:
     """How far an impact differs from the logged one: infinite for other paths, else the largest share of a number."""
     if [*map(_texts, records)] != [*map(_texts, logged)]:
         return math.inf
-    numbers = np.array([(along_row(each)[0], each.dropped_flights_s) for each in (*records, *logged)])
-    again, given = np.split(numbers.reshape(2, -1, 2), 2)
-    return float(np.max(np.abs(again - given) / np.maximum(np.abs(given).max(axis=1, keepdims=True), _LEAST), initial=0.0))
+    numbers = np.array([(along_row(record)[0], record.dropped_flights_s) for record in (*records, *logged)])
+    again, values = np.split(numbers.reshape(2, -1, 2), 2)
+    return float(np.max(np.abs(again - values) / np.maximum(np.abs(values).max(axis=1, keepdims=True), _LEAST), initial=0.0))
 
 
 def _texts(record: _Record) -> tuple[str, str]:

@@ -117,7 +117,7 @@ def _jacobians(model: Any, data: Any, contact: Contact) -> tuple[FloatArray, Flo
 
 
 def _rows(directions: FloatArray, jac_a: FloatArray, jac_b: FloatArray) -> FloatArray:
-    terms = sum(np.linalg.norm(directions @ each, axis=1) for each in (jac_a, jac_b))
+    terms = sum(np.linalg.norm(directions @ jacobian, axis=1) for jacobian in (jac_a, jac_b))
     return without_rounding(directions @ (jac_b - jac_a), terms)
 
 
@@ -183,9 +183,9 @@ def with_loops(J: FloatArray, qvel: FloatArray, constrained: Constrained | None)
     """
     if constrained is None:
         return J, qvel
-    held = constrained(J)
-    drift = (J - held) @ qvel
-    return held, qvel + np.linalg.lstsq(held, drift, rcond=RANK)[0]
+    constrained_J = constrained(J)
+    drift = (J - constrained_J) @ qvel
+    return constrained_J, qvel + np.linalg.lstsq(constrained_J, drift, rcond=RANK)[0]
 
 
 @dataclass(frozen=True)
@@ -256,12 +256,12 @@ def resolve_with_friction(
     placed = [contacts[i] for i in order]
     e, mu = (np.array([getattr(contact, name) for contact in placed]) for name in ("restitution", "mu"))
     axes = np.array([_tangents(contact) for contact in placed])
-    J = np.concatenate([contact_rows(model, data, each, across) for each, across in zip(placed, axes, strict=True)])
+    J = np.concatenate([contact_rows(model, data, one, across) for one, across in zip(placed, axes, strict=True)])
     problem = ImpactProblem(M, *with_loops(J, qvel, constrained), e, mu)
     solution = solve_impact(law, problem)
-    found = friction_of(law, solution)
+    solved = friction_of(law, solution)
     # Only the change is transformed back from mass-weighted velocities: bodies without impulse keep theirs bit for bit.
-    after = qvel + np.linalg.solve(problem.L.T, problem.A.T @ found.impulses.ravel())
+    after = qvel + np.linalg.solve(problem.L.T, problem.A.T @ solved.impulses.ravel())
     back = np.argsort(order)
 
     def in_world(across: FloatArray) -> FloatArray:
@@ -269,17 +269,17 @@ def resolve_with_friction(
         return np.asarray(np.einsum("ki,kij->kj", across, axes)[back])
 
     friction = Friction(
-        impulses=in_world(found.impulses[:, 1:]),
+        impulses=in_world(solved.impulses[:, 1:]),
         slip_before=in_world((J @ qvel).reshape(-1, 3)[:, 1:]),
         slip_after=in_world((J @ after).reshape(-1, 3)[:, 1:]),
-        paths=tuple(found.paths[i] for i in back),
-        theta=found.theta,
-        residual=found.residual,
-        normal_work=found.normal_work[back],
-        friction_work=found.friction_work[back],
-        compression_work=found.compression_work[back],
+        paths=tuple(solved.paths[i] for i in back),
+        theta=solved.theta,
+        residual=solved.residual,
+        normal_work=solved.normal_work[back],
+        friction_work=solved.friction_work[back],
+        compression_work=solved.compression_work[back],
     )
-    return ImpactOutcome(after, found.impulses[back, 0], solution.rule or law.name, solution.status, friction)
+    return ImpactOutcome(after, solved.impulses[back, 0], solution.rule or law.name, solution.status, friction)
 
 
 def _tangents(contact: Contact | LimitContact) -> FloatArray:

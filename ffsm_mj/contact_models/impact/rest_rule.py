@@ -84,8 +84,8 @@ def _with_friction(
     from ffsm_mj.contact_models.impact.friction import tangents  # its solvers take time to load
     from ffsm_mj.contact_models.impact.friction.coulomb import coulomb_forces
 
-    across = [np.zeros((2, 3)) if isinstance(each, LimitContact) else tangents(np.asarray(each.normal)) for each in contacts]
-    rows = [contact_rows(motion.model, motion.data, each, axes) for each, axes in zip(contacts, across, strict=True)]
+    across = [np.zeros((2, 3)) if isinstance(one, LimitContact) else tangents(np.asarray(one.normal)) for one in contacts]
+    rows = [contact_rows(motion.model, motion.data, one, axes) for one, axes in zip(contacts, across, strict=True)]
     J = motion.constrained(np.concatenate(rows))
     A = np.linalg.solve(np.linalg.cholesky(mass_matrix(motion.model, motion.data)), J.T).T
     G, qvel = A @ A.T, motion.data.qvel
@@ -101,8 +101,8 @@ def _with_friction(
     forces[movable], residual = coulomb_forces(G[np.ix_(which, which)], b[which], mu[movable], directions)
     if residual > SOLVED:
         return None
-    own = G.reshape(len(mu), 3, len(mu), 3)[np.arange(len(mu)), 0, np.arange(len(mu))]
-    return np.asarray(np.sum(own * forces, axis=1))
+    diagonal = G.reshape(len(mu), 3, len(mu), 3)[np.arange(len(mu)), 0, np.arange(len(mu))]
+    return np.asarray(np.sum(diagonal * forces, axis=1))
 
 
 @contextmanager

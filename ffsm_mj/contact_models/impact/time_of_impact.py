@@ -98,20 +98,20 @@ class Clearances:
 
     def near(self) -> Indices:
         """Indices of the pairs that may be in contact at the state in ``data``."""
-        if self._motion.flight.motion_bound < self.energy_reach or self.travel.is_within:
+        if self._motion.free_flight.motion_bound < self.energy_reach or self.travel.is_within:
             return NO_PAIRS
         return np.flatnonzero(~(self._clearance > 0.0))
 
     def after_step(self) -> Indices:
         """Indices of the pairs that may have been in contact during the last step."""
-        flight = self._motion.flight
-        if flight.motion_bound < self.energy_reach or self.travel.is_within:
+        forced = self._motion.free_flight
+        if forced.motion_bound < self.energy_reach or self.travel.is_within:
             return NO_PAIRS
-        rows, parts = self._by_joints.rows, (flight.motion_bound - self._start, flight.last_increment)
+        rows, parts = self._by_joints.rows, (forced.motion_bound - self._start, forced.last_increment)
         moved = zip((self.travel.travelled, self.travel.last), map(self._by_energy, parts), strict=True)
         # Both bounds hold: the smaller one counts for each pair.
         closed, last = (np.minimum(rows @ by_rates, by_energy) for by_rates, by_energy in moved)
-        return self._exhausted(closed, last, flight.motion_bound)
+        return self._exhausted(closed, last, forced.motion_bound)
 
     def _by_energy(self, motion_bound: float) -> FloatArray:
         """Largest closing of each pair in a motion, m."""
@@ -229,7 +229,7 @@ class LimitClearances:
     def after_step(self) -> Indices:
         """Indices of the limits that joints may have reached during the last step."""
         motion: Any = self._motion
-        if motion.flight.motion_bound < self.energy_reach:
+        if motion.free_flight.motion_bound < self.energy_reach:
             return NO_PAIRS
         start, data = motion.path.start, self._data
         after, values = self._gaps(self._coordinates.at(data)), start[self._start_qpos]
@@ -244,7 +244,7 @@ class LimitClearances:
         travel = BOUND_MARGIN * (motion.data.time - float(start[0])) * rates
         # Contact in between needs a motion of at least the sum of both gaps.
         clear = (after > self._unknown) & (before + after - 2.0 * self._unknown > travel)
-        self._set_reach(after, motion.flight.motion_bound)
+        self._set_reach(after, motion.free_flight.motion_bound)
         return self._indices(self._watched & ~clear)
 
     def _gaps(self, coordinates: FloatArray) -> FloatArray:
@@ -256,8 +256,8 @@ class LimitClearances:
         reach = (gaps[self._watched] - DISTANCE_QUERY_M) / self._per_root_energy[self._watched]
         self.energy_reach = motion_bound + float(reach.min(initial=np.inf))
 
-    def _indices(self, found: BoolArray) -> Indices:
-        return self._first + np.flatnonzero(found)
+    def _indices(self, flags: BoolArray) -> Indices:
+        return self._first + np.flatnonzero(flags)
 
 
 At = Callable[[float], Proximity]
@@ -431,7 +431,7 @@ class Detector(EventSource, Replayable):
 
     def is_clear(self) -> bool:
         """Whether the bounds on the motion exclude contact of all pairs in the last step."""
-        if self.motion.flight.motion_bound > self.motion.flight.last_increment:
+        if self.motion.free_flight.motion_bound > self.motion.free_flight.last_increment:
             self._evaluated.clear()  # of an earlier step
         # Bounds on the motion are cheap and certain: only pairs that they do not clear are followed along the path.
         self._suspects = (*self._clearances.after_step().tolist(), *self._limits.after_step().tolist())
@@ -493,7 +493,7 @@ class Detector(EventSource, Replayable):
 
     def due(self) -> bool:
         """Whether a pair touches and approaches at the state in ``data``."""
-        if self.motion.flight.motion_bound > 0.0:
+        if self.motion.free_flight.motion_bound > 0.0:
             self._evaluated.clear()  # of an earlier step
         near = (self._proximity(i, 0.0) for i in (*self._clearances.near().tolist(), *self._limits.near().tolist()))
         # To rounding, as roots are located: another model may have an event that is due here.

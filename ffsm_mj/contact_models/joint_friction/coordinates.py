@@ -53,7 +53,11 @@ class FrictionCoordinates(NamedTuple):
 def friction_coordinates(system: System) -> FrictionCoordinates | None:
     """Coordinates of a system that have dry friction; None: there are none."""
     model, loss = system.mj, system.mj.dof_frictionloss
-    scalar = [each for each in system.joints.values() if each.kind in ("hinge", "slide") and loss[each.dofs.start] > 0.0]
+    scalar = [
+        candidate
+        for candidate in system.joints.values()
+        if candidate.kind in ("hinge", "slide") and loss[candidate.dofs.start] > 0.0
+    ]
     joints, tendons = sorted(scalar, key=lambda joint: joint.dofs.start), np.flatnonzero(model.tendon_frictionloss > 0.0)
     if not joints and not len(tendons):
         return None
@@ -148,12 +152,12 @@ class CoordinatesOfMotion:
 
     def add_stage(self) -> None:
         """Add the rates in a stage of the step."""
-        flight = self._motion.forced
-        if not len(self._tendons) or flight is None:
+        forced = self._motion.forced
+        if not len(self._tendons) or forced is None:
             return
         rates = self._rows_of_tendons() @ self._data.qvel
-        if flight.repeats:
-            self._stages[flight.repeats] = rates
+        if forced.repeats:
+            self._stages[forced.repeats] = rates
         else:
             self._stages.append(rates)
 
@@ -161,9 +165,9 @@ class CoordinatesOfMotion:
         """Ways in the step, (k,): of joints by their ends, of tendons the integrals of the rates by the stages' weights."""
         # The path begins after projections, whose displacement does no work.
         of_joints: FloatArray = self._data.qpos[self._places] - self._motion.path.start[1 + self._places]
-        flight = self._motion.forced
-        if not len(self._tendons) or flight is None:
+        forced = self._motion.forced
+        if not len(self._tendons) or forced is None:
             return of_joints
-        weights = duration_s * flight.weights
+        weights = duration_s * forced.weights
         # The last entry of all is the evaluation at the end of the step.
         return np.concatenate((of_joints, weights @ np.array(self._stages[-1 - len(weights) : -1])))

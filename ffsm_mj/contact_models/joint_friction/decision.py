@@ -76,9 +76,9 @@ def bounded_forces(W: FloatArray, b: FloatArray, low: FloatArray, high: FloatArr
         masses: Accelerations of each row per force along it if no row were held, (n,): the scale of the compliance.
     """
     G = W @ W.T
-    own = np.diag(G)
+    diagonal = np.diag(G)
     # Rows that bilateral ones hold: no force moves them, and they carry none.
-    free = own > RANK * masses
+    free = diagonal > RANK * masses
     forces = np.zeros(len(b))
     certain = _certain(W, b, high, free & np.isfinite(low), free)
     forces[certain] = np.where(b < 0.0, high, low)[certain]
@@ -87,7 +87,7 @@ def bounded_forces(W: FloatArray, b: FloatArray, low: FloatArray, high: FloatArr
         rest = b + G @ forces
         forces[others] = _bounded(W[others], rest[others], low[others], high[others], np.sqrt(masses[others]))
     accelerations = b + G @ forces
-    terms = np.abs(b) + own * np.abs(forces)
+    terms = np.abs(b) + diagonal * np.abs(forces)
     at_low = np.isfinite(low) & (forces <= (1.0 - _AT_BOUND) * low)
     at_high = np.isfinite(high) & (forces >= (1.0 - _AT_BOUND) * high)
     moves = np.where(at_high & (accelerations < -_MOVES * terms), -1.0, 0.0)
@@ -95,29 +95,29 @@ def bounded_forces(W: FloatArray, b: FloatArray, low: FloatArray, high: FloatArr
     moves[~free] = 0.0
     # Those that move have their bound itself, the others what holds them without compliance: the least change.
     forces = np.where(moves < 0.0, high, np.where(moves > 0.0, low, forces))
-    held = free & (moves == 0.0)
-    if held.any():
-        left = b[held] + G[held] @ forces
-        forces[held] -= np.linalg.lstsq(G[np.ix_(held, held)], left, rcond=RANK)[0]
+    bound = free & (moves == 0.0)
+    if bound.any():
+        left = b[bound] + G[bound] @ forces
+        forces[bound] -= np.linalg.lstsq(G[np.ix_(bound, bound)], left, rcond=RANK)[0]
     return BoundedForces(forces, b + G @ forces, moves)
 
 
 def _certain(W: FloatArray, b: FloatArray, high: FloatArray, rubs: BoolArray, free: BoolArray) -> BoolArray:
     """Rows with dry friction that move whatever the forces on all rows are, (n,)."""
-    found = np.zeros(len(b), dtype=np.bool_)
+    certain = np.zeros(len(b), dtype=np.bool_)
     sizes = np.linalg.norm(W, axis=1)
     needs = np.where(rubs, np.abs(b) / np.where(rubs, sizes, 1.0), 0.0)
-    while np.count_nonzero(free & ~found) > 1:
-        most = int(np.argmax(np.where(found, 0.0, needs)))
-        others = free & ~found
+    while np.count_nonzero(free & ~certain) > 1:
+        most = int(np.argmax(np.where(certain, 0.0, needs)))
+        others = free & ~certain
         others[most] = False
         # Forces on the others do at most what holds them: the solution is the projection of it on a convex set.
-        held = np.linalg.lstsq(W[others], b[others], rcond=None)[0]
-        moving = found | (np.arange(len(b)) == most)
-        if needs[most] <= _FAR * (np.linalg.norm(held) + sizes[moving] @ high[moving]):
+        forces = np.linalg.lstsq(W[others], b[others], rcond=None)[0]
+        moving = certain | (np.arange(len(b)) == most)
+        if needs[most] <= _FAR * (np.linalg.norm(forces) + sizes[moving] @ high[moving]):
             break
-        found[most] = True
-    return found
+        certain[most] = True
+    return certain
 
 
 def _bounded(W: FloatArray, b: FloatArray, low: FloatArray, high: FloatArray, sizes: FloatArray) -> FloatArray:
@@ -133,8 +133,8 @@ def _bounded(W: FloatArray, b: FloatArray, low: FloatArray, high: FloatArray, si
     w = np.linalg.lstsq(rows, b / sizes / scale, rcond=None)[0]
     compliant = np.vstack((rows.T, np.sqrt(_COMPLIANCE) * np.eye(len(b))))
     bounds = low * sizes / scale, high * sizes / scale
-    found = lsq_linear(compliant, -np.append(w, np.zeros(len(b))), bounds, method="bvls", tol=1e-15)
-    return np.asarray(found.x) / sizes * scale
+    solution = lsq_linear(compliant, -np.append(w, np.zeros(len(b))), bounds, method="bvls", tol=1e-15)
+    return np.asarray(solution.x) / sizes * scale
 
 
 def least_use(forces: FloatArray, idle: FloatArray, limits: FloatArray) -> FloatArray:
@@ -150,8 +150,8 @@ def least_use(forces: FloatArray, idle: FloatArray, limits: FloatArray) -> Float
     shares, directions, ones = forces / limits, (idle / limits).T, np.ones((len(forces), 1))
     bounds = np.block([[directions, -ones], [-directions, -ones]])
     cost = np.append(np.zeros(len(idle)), 1.0)
-    found = linprog(cost, A_ub=bounds, b_ub=np.concatenate((-shares, shares)), bounds=(None, None), method="highs")
-    return forces + found.x[:-1] @ idle if found.status == 0 else forces
+    solution = linprog(cost, A_ub=bounds, b_ub=np.concatenate((-shares, shares)), bounds=(None, None), method="highs")
+    return forces + solution.x[:-1] @ idle if solution.status == 0 else forces
 
 
 _SURE = 1e-10
@@ -185,12 +185,12 @@ class Senses(NamedTuple):
 
     Attributes:
         slides: Sense in which each joint slides, -1 or 1; 0: it sticks, (k,).
-        held: Combinations of the joints that their frictions hold, (r, k): unit rows of those that stick, fewer if contacts
-            block some.
+        at_rest: Combinations of the joints that their frictions hold, (r, k): unit rows of those that stick, fewer if
+            contacts block some.
     """
 
     slides: FloatArray
-    held: FloatArray
+    at_rest: FloatArray
 
     @classmethod
     def without_contacts(cls, slides: FloatArray) -> Senses:
@@ -200,7 +200,7 @@ class Senses(NamedTuple):
     @property
     def idle(self) -> BoolArray:
         """Joints that stick by contacts alone, (k,)."""
-        return np.asarray((self.slides == 0.0) & ~self.held.any(axis=0))
+        return np.asarray((self.slides == 0.0) & ~self.at_rest.any(axis=0))
 
 
 def decided(joints: RestRows, contacts: RestRows | None, slow: BoolArray, before: FloatArray) -> Senses:
@@ -218,15 +218,15 @@ def decided(joints: RestRows, contacts: RestRows | None, slow: BoolArray, before
     starts = slow & (before != 0.0)
     while True:
         still, slides = slow & ~starts, np.where(slow & ~starts, 0.0, before)
-        rows = RestRows(*(each[still] for each in joints))
+        rows = RestRows(*(array[still] for array in joints))
         if contacts is not None:
             rows = RestRows(*(np.concatenate(both) for both in zip(rows, contacts, strict=True)))
         pushed = joints.W.T @ (joints.high * slides)
-        found = bounded_forces(rows.W, rows.b - rows.W @ pushed, rows.low, rows.high, rows.masses)
+        solution = bounded_forces(rows.W, rows.b - rows.W @ pushed, rows.low, rows.high, rows.masses)
         count = int(still.sum())
-        slides[still] = found.moves[:count]
+        slides[still] = solution.moves[:count]
         # A joint that breaks away accelerates from zero; where the load on it falls instead, it sticks after all.
-        a = joints.b - joints.W @ pushed + joints.W @ (rows.W.T @ found.forces)
+        a = joints.b - joints.W @ pushed + joints.W @ (rows.W.T @ solution.forces)
         back = starts & (slides * a < -_SURE * (np.abs(joints.b) + np.sum(joints.W**2, axis=1) * joints.high))
         if not back.any():
             break
@@ -235,13 +235,13 @@ def decided(joints: RestRows, contacts: RestRows | None, slow: BoolArray, before
     if contacts is None:
         return chosen
     sticks = still & (slides == 0.0)
-    kept = np.concatenate((found.moves[:count] == 0.0, np.ones(len(contacts.b), dtype=np.bool_)))
-    shared = _shared(RestRows(*(each[kept] for each in rows)), found.forces[kept], int(sticks.sum()))
+    kept = np.concatenate((solution.moves[:count] == 0.0, np.ones(len(contacts.b), dtype=np.bool_)))
+    shared = _shared(RestRows(*(array[kept] for array in rows)), solution.forces[kept], int(sticks.sum()))
     if len(shared) == sticks.sum():
         return chosen
-    held = np.zeros((len(shared), len(slow)))
-    held[:, sticks] = shared
-    return Senses(slides, held)
+    shares = np.zeros((len(shared), len(slow)))
+    shares[:, sticks] = shared
+    return Senses(slides, shares)
 
 
 def _shared(rows: RestRows, forces: FloatArray, count: int) -> FloatArray:
@@ -265,8 +265,8 @@ def _shared(rows: RestRows, forces: FloatArray, count: int) -> FloatArray:
         size = np.append(np.ones(count), np.zeros(len(forces) - count))
         least = np.vstack((_EXACT / scale * scaled.T, np.diag(size)[:count]))
         low, high = np.append(-np.ones(count), rows.low[count:]), np.append(np.ones(count), rows.high[count:])
-        found = lsq_linear(least, np.append(_EXACT / scale * effect, np.zeros(count)), (low, high), method="bvls").x[count:]
-        carries = carries | (found > _IDLE * np.abs(found).max(initial=0.0))
+        shares = lsq_linear(least, np.append(_EXACT / scale * effect, np.zeros(count)), (low, high), method="bvls").x[count:]
+        carries = carries | (shares > _IDLE * np.abs(shares).max(initial=0.0))
     of_contacts = np.linalg.svd(rows.W[count:][carries], full_matrices=False)
     V = of_contacts[2][of_contacts[1] > _IDLE * of_contacts[1].max(initial=0.0)]
     left = scaled[:count] - (scaled[:count] @ V.T) @ V

@@ -106,14 +106,14 @@ class JointFriction(EventSource, ForceSource, Replayable):
         self.loops = LoopForces(scene, (contacts, *others, self), rubs=True)
         count = len(coordinates.names)
         self.senses, self._friction, self._heat = np.zeros(count), np.zeros(count), np.zeros(3)
-        self._rows_held = np.eye(count)
-        self._held: BoolArray = np.ones(count, dtype=np.bool_)
+        self._rest_rows = np.eye(count)
+        self._rest: BoolArray = np.ones(count, dtype=np.bool_)
         self._shown = np.zeros(count)
         self._at_start: Exchange | None = None
         self._verified: object = None
         self._suspects: list[float] = []
         self._slides = False
-        signals = [friction_signals(*each) for each in zip(coordinates.names, coordinates.units, strict=True)]
+        signals = [friction_signals(*coordinate) for coordinate in zip(coordinates.names, coordinates.units, strict=True)]
         self.columns = (
             Columns(tuple(one for one, _ in signals), live=self._shown, on_sample=self._sample, resume=self._resume),
             Columns(tuple(other for _, other in signals), live=self._friction),
@@ -128,9 +128,9 @@ class JointFriction(EventSource, ForceSource, Replayable):
 
     def set_state(self, state: Any) -> None:
         """Go on from a state; that of the motion is in its data."""
-        told = entries(state, [each.name for each in fields(self.State)], "JointFriction")
-        self._heat[:] = fitting(told["heat_J"], (3,), "JointFriction")
-        self._set(Senses.without_contacts(fitting(told["senses"], self.senses.shape, "JointFriction")))
+        values = entries(state, [field.name for field in fields(self.State)], "JointFriction")
+        self._heat[:] = fitting(values["heat_J"], (3,), "JointFriction")
+        self._set(Senses.without_contacts(fitting(values["senses"], self.senses.shape, "JointFriction")))
 
     def forget(self) -> None:
         """All joints are at rest, as before the first step."""
@@ -145,10 +145,10 @@ class JointFriction(EventSource, ForceSource, Replayable):
 
     def _set(self, senses: Senses) -> None:
         """Let joints slide, stick, and be left to the contacts that block them."""
-        self.senses[:], self._rows_held, self._verified = senses.slides, senses.held, None
-        self._slides, self._held = bool(np.any(senses.slides)), np.asarray(senses.held.any(axis=0))
+        self.senses[:], self._rest_rows, self._verified = senses.slides, senses.at_rest, None
+        self._slides, self._rest = bool(np.any(senses.slides)), np.asarray(senses.at_rest.any(axis=0))
         self._shown[:] = np.where(senses.idle, _IDLE, senses.slides)
-        self.loops.keep_at_rest([self._on.at_rest(row) for row in senses.held])
+        self.loops.keep_at_rest([self._on.at_rest(row) for row in senses.at_rest])
 
     def bind(self, motion: Motion) -> None:
         """Use another motion: joints slide or stick in it as before."""
@@ -185,9 +185,9 @@ class JointFriction(EventSource, ForceSource, Replayable):
     def _other_forces(self) -> FloatArray:
         """Applied generalised forces of other sources at the state and efforts in ``data``, (nv,)."""
         applied = np.zeros(self.motion.model.nv)
-        for each in self._others:
-            if each.active and each.pushes:
-                each.add_forces(applied)
+        for other in self._others:
+            if other.active and other.pushes:
+                other.add_forces(applied)
         return applied
 
     def begin_step(self) -> None:
@@ -206,7 +206,7 @@ class JointFriction(EventSource, ForceSource, Replayable):
 
     def snapshot(self) -> Callable[[], None]:
         """Return a function that restores which joints slide."""
-        senses = Senses(self.senses.copy(), self._rows_held)
+        senses = Senses(self.senses.copy(), self._rest_rows)
 
         def restore() -> None:
             self._set(senses)
@@ -226,10 +226,10 @@ class JointFriction(EventSource, ForceSource, Replayable):
 
     def _by_subsystem(self, of_trees: FloatArray) -> Exchange:
         """Energy that trees gain, J, (number of trees,), as an exchange."""
-        grasped, total, own = self.motion.grasped_object, float(of_trees.sum()), float(of_trees[0])
+        grasped, total, of_robot = self.motion.grasped_object, float(of_trees.sum()), float(of_trees[0])
         if grasped is not None:  # a grasped object counts with the robot, see ffsm_mj/balance/exchange.py
-            own += float(of_trees[1 + self.scene.system.objects.index(grasped)])
-        return Exchange(np.array((total, own, total - own)), np.zeros(6))
+            of_robot += float(of_trees[1 + self.scene.system.objects.index(grasped)])
+        return Exchange(np.array((total, of_robot, total - of_robot)), np.zeros(6))
 
     # ---- Decisions
 
@@ -251,8 +251,8 @@ class JointFriction(EventSource, ForceSource, Replayable):
 
     def _write_friction(self) -> None:
         self._friction[:] = -self._on.limits * self.senses
-        if self._held.any():
-            self._friction[self._held] = self._holds()
+        if self._rest.any():
+            self._friction[self._rest] = self._holds()
 
     def _holds(self) -> FloatArray:
         """Friction on the joints that stick, at the state in ``data`` under its efforts."""
@@ -339,8 +339,8 @@ class JointFriction(EventSource, ForceSource, Replayable):
         if self._slides:
             rounding = _ROUNDING * (1.0 + float(np.abs(self.motion.data.qvel).max()))
             turns = float((self.senses * self._moved.rates())[slides].min()) + rounding
-        if self._held.any():
-            breaks = 1.0 + _BEYOND - float((np.abs(self._shared()) / self._on.limits[self._held]).max())
+        if self._rest.any():
+            breaks = 1.0 + _BEYOND - float((np.abs(self._shared()) / self._on.limits[self._rest]).max())
         return turns, breaks
 
     def _shared(self) -> FloatArray:
@@ -349,9 +349,9 @@ class JointFriction(EventSource, ForceSource, Replayable):
         Where rows depend on each other, as of two coupled joints that both stick, its shares are not determined: they are
         those of least norm, or, where one of these exceeds its limit, those that use the limits least.
         """
-        loops, limits = self.motion.loops, self._on.limits[self._held]
+        loops, limits = self.motion.loops, self._on.limits[self._rest]
         assert loops is not None
-        rows = self._rows_held[:, self._held]
+        rows = self._rest_rows[:, self._rest]
         holds = loops.holds @ rows
         if np.all(np.abs(holds) <= limits) or not (idle := loops.idle).any():
             return holds
@@ -387,10 +387,10 @@ class JointFriction(EventSource, ForceSource, Replayable):
         ends = [time_s for time_s in (*sorted(self._suspects), duration_s) if time_s <= duration_s and margin(time_s) < 0.0]
         if not ends:
             return None
-        found = just_after(margin, 0.0, ends[0])
-        while found > INSTANT_S and margin(0.5 * found) < 0.0:  # of several roots the first one counts
-            found = just_after(margin, 0.0, 0.5 * found)
-        return found
+        root_s = just_after(margin, 0.0, ends[0])
+        while root_s > INSTANT_S and margin(0.5 * root_s) < 0.0:  # of several roots the first one counts
+            root_s = just_after(margin, 0.0, 0.5 * root_s)
+        return root_s
 
     def act(self, instant: EventTime) -> EventEffect | None:
         """Stop joints that come to rest, let those slide whose limit is reached, and decide on all that are at rest."""
@@ -402,10 +402,10 @@ class JointFriction(EventSource, ForceSource, Replayable):
             a = self._moved.rows() @ self.motion.data.qacc + self._moved.second_rates()
             stops |= slow & (before * a < 0.0)
         holds = np.zeros(len(before))
-        if self._held.any():
-            holds[self._held] = self._holds()
+        if self._rest.any():
+            holds[self._rest] = self._holds()
         # Of coupled joints all that use as much of their limits as the first one break away with it.
-        breaks = self._held & (np.abs(holds) >= (1.0 - _REACHED) * self._on.limits)
+        breaks = self._rest & (np.abs(holds) >= (1.0 - _REACHED) * self._on.limits)
         if not (stops.any() or breaks.any()):
             return None
         forced = np.where(breaks, -np.sign(holds), np.where(stops, 0.0, before))
@@ -446,12 +446,12 @@ class JointFriction(EventSource, ForceSource, Replayable):
         rows = self._moved.rows()[which]
         if motion.loops is not None and motion.loops.sources:
             rows = np.concatenate((motion.loops.rows().J, rows))
-        held = MassWeightedRows(mass_matrix(motion.model, motion.data), rows)
-        motion.data.qvel[:] += held.change(rows @ motion.data.qvel)
+        weighted = MassWeightedRows(mass_matrix(motion.model, motion.data), rows)
+        motion.data.qvel[:] += weighted.change(rows @ motion.data.qvel)
         self._moved.stop(which)
         mujoco.mj_forward(motion.model, motion.data)
         motion.path.on_event_located()
-        motion.flight.account(0.0)
+        motion.free_flight.account(0.0)
         now, momentum = self.scene.data.qvel, np.empty(system.mj.nv)
         mujoco.mj_mulM(system.mj, self.scene.data, momentum, now - before)
         gained = 0.5 * momentum * (now + before)
@@ -477,4 +477,4 @@ class JointFriction(EventSource, ForceSource, Replayable):
 
     def record_fault(self, records: Sequence[Any]) -> str:
         """Whether a record names a joint or tendon without dry friction."""
-        return "" if all(each.joint in self._on.names for each in records) else "joint"
+        return "" if all(record.joint in self._on.names for record in records) else "joint"

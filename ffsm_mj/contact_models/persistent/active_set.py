@@ -64,7 +64,7 @@ def rate_tolerance(near: Proximity, approach: float) -> float:
     return near.rate_tolerance + _REST_SHARE * approach
 
 
-def held_rate_tolerance(near: Proximity) -> float:
+def closed_rate_tolerance(near: Proximity) -> float:
     """The same for a closed pair: its gap rate drifts by the truncation error of a step until the next projection."""
     return CLOSED_RATE / RATE * near.rate_tolerance
 
@@ -79,23 +79,23 @@ def closed_and_still(near: Proximity, still: float) -> bool:
     return near.gap <= CONTACT_GAP_M and bool(np.abs(near.rates).min() <= still)
 
 
-def closed_after_change(pairs: ClosedPairs, held: Collection[UnilateralConstraint]) -> Iterator[ClosingPair]:
+def closed_after_change(pairs: ClosedPairs, closed: Collection[UnilateralConstraint]) -> Iterator[ClosingPair]:
     """Pairs in contact after a change of motion; those in ``held`` were closed before it."""
     for pair, near in pairs:
         # A deeper overlap at release is not a closed contact: the impact model resolves it.
         if abs(near.gap) <= CONTACT_GAP_M:
-            yield pair, near, held_rate_tolerance(near) if pair in held else near.rate_tolerance
+            yield pair, near, closed_rate_tolerance(near) if pair in closed else near.rate_tolerance
 
 
 def closed_at(
-    scene: Scene, pairs: Sequence[UnilateralConstraint], held: Sequence[UnilateralConstraint]
+    scene: Scene, pairs: Sequence[UnilateralConstraint], closed: Sequence[UnilateralConstraint]
 ) -> Iterator[ClosingPair]:
     """Pairs near contact at the state in ``data``; those in ``held`` were closed before it."""
     model, data = scene.system.mj, scene.data
     for pair in pairs:
         if pair.gap(model, data, 1.0) <= CLEARLY_APART_M:
             near = pair.proximity(model, data)
-            yield pair, near, held_rate_tolerance(near) if pair in held else near.rate_tolerance
+            yield pair, near, closed_rate_tolerance(near) if pair in closed else near.rate_tolerance
 
 
 def refusal_in(motion: Motion, scene: Scene) -> str:
@@ -128,32 +128,32 @@ def points_at_rest(scene: Scene, pair: UnilateralConstraint, near: Proximity, st
         place = near.point_at(at.point, pair.flush_offset)
         return parallel and abs(pair.rate_along(data, near.normal, place)) <= still
 
-    found = features_at_rest(pair, scene.system.mj, data, near, is_still)
-    return tuple(ContactPoint(pair, feature) for feature in found)
+    resting = features_at_rest(pair, scene.system.mj, data, near, is_still)
+    return tuple(ContactPoint(pair, feature) for feature in resting)
 
 
 def slow_points(
-    scene: Scene, pairs: Sequence[tuple[UnilateralConstraint, Proximity]], held: Sequence[ContactPoint]
+    scene: Scene, pairs: Sequence[tuple[UnilateralConstraint, Proximity]], closed: Sequence[ContactPoint]
 ) -> list[tuple[ContactPoint, float]]:
     """Contact points of some pairs that separate slowly, with the rates of their gaps, m/s; without those held already."""
     model, data = scene.system.mj, scene.data
-    found = [
+    points = [
         ContactPoint(pair, feature)
         for pair, near in pairs
         for feature in ((pair.feature,) if isinstance(pair, JointLimit) else features(pair, model, data, near))
     ]
     return [
         (contact, at.rate)
-        for contact in found
-        if 0.0 < (at := contact.feature.at(data)).rate <= _SLOW_M_S and not _is_among(held, contact, at, data)
+        for contact in points
+        if 0.0 < (at := contact.feature.at(data)).rate <= _SLOW_M_S and not _is_among(closed, contact, at, data)
     ]
 
 
-def _is_among(held: Sequence[ContactPoint], new: ContactPoint, at: FeatureState, data: Any) -> bool:
+def _is_among(points: Sequence[ContactPoint], new: ContactPoint, at: FeatureState, data: Any) -> bool:
     """Whether some contact points have one at this position, or this joint limit."""
     if isinstance(new.pair, JointLimit):
-        return any(contact.pair is new.pair for contact in held)
-    return any(math.dist(contact.feature.at(data).point, at.point) < FEATURE_BOUND_M for contact in held)
+        return any(contact.pair is new.pair for contact in points)
+    return any(math.dist(contact.feature.at(data).point, at.point) < FEATURE_BOUND_M for contact in points)
 
 
 Points: TypeAlias = tuple[ContactPoint, ...]
@@ -184,7 +184,7 @@ class ForceSolver:
         """Use another motion."""
         self._motion, self.smooth = motion, Smooth(motion, self._data)
         self.other_forces = np.zeros(motion.model.nv)
-        self._held = motion.loops
+        self._loops = motion.loops
         self.forget_state()
         self.forget_points()
 
@@ -204,16 +204,16 @@ class ForceSolver:
         """Token of the current positions and velocities."""
         return self.smooth.place()
 
-    def _see_held_rows(self) -> None:
+    def _follow_loops(self) -> None:
         """Discard what is kept where the motion holds other rows now, as of joints that have come to rest at this state."""
-        if self._motion.loops is not self._held:
-            self._held = self._motion.loops
+        if self._motion.loops is not self._loops:
+            self._loops = self._motion.loops
             self.forget_state()
             self._modes.forget_structures()
 
     def evaluation(self, contact_points: Points) -> ContactEvaluation:
         """The contact problem of some contact points in their modes."""
-        self._see_held_rows()
+        self._follow_loops()
         smooth, modes = self.smooth, self._modes.of(contact_points)
         place, load, known = smooth.place(), smooth.load(self.other_forces), self.last_evaluation
         if known is not None and known[0] is place and known[1] is load and known[2].modes is modes:
@@ -221,9 +221,9 @@ class ForceSolver:
         rows = self.last_rows
         if rows is None or rows[1] is not place or rows[0] != contact_points:
             rows = self.last_rows = contact_points, place, self._rows(contact_points)
-        here = ContactEvaluation(contact_points, rows[2], smooth.force(self.other_forces), modes)
-        self.last_evaluation = place, load, here
-        return here
+        now = ContactEvaluation(contact_points, rows[2], smooth.force(self.other_forces), modes)
+        self.last_evaluation = place, load, now
+        return now
 
     def pressing_accelerations(self, contact_points: Points) -> FloatArray:
         """Contribution of each normal force to gap'' at its own contact point if none had friction, m/s^2, (k,)."""
@@ -240,7 +240,7 @@ class ForceSolver:
 
     def decide(self, contact_points: Points) -> Decision:
         """Which of some contact points carry force, and their modes."""
-        self._see_held_rows()
+        self._follow_loops()
         state, known = self.smooth.state(self.other_forces), self._decision
         if known is None or known[0] is not state or not known[1].is_for(contact_points, self._modes):
             known = self._decision = state, Decision(self.evaluation(contact_points), self._modes)
@@ -248,7 +248,7 @@ class ForceSolver:
 
     def assume(self, decision: Decision) -> None:
         """Keep a decision as that at the present state under the present efforts."""
-        self._see_held_rows()
+        self._follow_loops()
         self._decision = self.smooth.state(self.other_forces), decision
 
     def _rows(self, contact_points: Points) -> PointRows:
@@ -261,10 +261,10 @@ class ForceSolver:
     def evaluator(self, contact_points: Points) -> RowEvaluator:
         """Evaluator of the rows of some contact points; kept for the present contact points and parts of them."""
         key = contact_points, self.flat
-        found = self._evaluators.get(key)
-        if found is None:
-            found = self._evaluators[key] = RowEvaluator(self._motion, self._data, contact_points, self.flat)
-        return found
+        known = self._evaluators.get(key)
+        if known is None:
+            known = self._evaluators[key] = RowEvaluator(self._motion, self._data, contact_points, self.flat)
+        return known
 
 
 class ActiveContactSet:
@@ -319,11 +319,11 @@ class ActiveContactSet:
         """The closed contacts."""
         stored = StoredFeatures(self._model)
         closed = [
-            (pair.name, [None if isinstance(pair, JointLimit) else stored.told(each.feature) for each in points])
+            (pair.name, [None if isinstance(pair, JointLimit) else stored.to_plain(point.feature) for point in points])
             for pair, points in self.by_pair.items()
         ]
         place = {contact: i for i, contact in enumerate(self.contact_points)}
-        pressing = [place[each] for each in self.pressing if each in place]
+        pressing = [place[point] for point in self.pressing if point in place]
         flat = sorted(pair.name for pair in self.solver.flat)
         return self.State(closed, pressing, flat, self.modes.get_state(self.contact_points), bool(self.stages))
 
@@ -337,20 +337,21 @@ class ActiveContactSet:
         Raises:
             StateError: They do not fit.
         """
-        told, stored = (
-            entries(state, [each.name for each in fields(self.State)], "ActiveContactSet"),
+        values, stored = (
+            entries(state, [field.name for field in fields(self.State)], "ActiveContactSet"),
             StoredFeatures(self._model),
         )
         self.by_pair.clear()
-        for name, kept in told["closed"]:
+        for name, kept in values["closed"]:
             pair = pairs[name]
             self.by_pair[pair] = tuple(
-                ContactPoint(pair, pair.feature if isinstance(pair, JointLimit) else stored.made(each)) for each in kept
+                ContactPoint(pair, pair.feature if isinstance(pair, JointLimit) else stored.from_plain(feature))
+                for feature in kept
             )
         self._count()
-        self.set_pressing(tuple(self.contact_points[i] for i in told["pressing"]))
-        self.solver.flat = frozenset(pairs[name] for name in told["flat"])
-        self.modes.set_state(told["modes"], self.contact_points)
+        self.set_pressing(tuple(self.contact_points[i] for i in values["pressing"]))
+        self.solver.flat = frozenset(pairs[name] for name in values["flat"])
+        self.modes.set_state(values["modes"], self.contact_points)
         self._chosen = None
         self.clear_stages()
 
@@ -402,10 +403,10 @@ class ActiveContactSet:
 
         Otherwise a block that rocks from corner to corner would do so for ever, at heights below rounding (Zeno behaviour).
         """
-        slow, held = slow_points(self._scene, pairs, self.contact_points), self.contact_points
+        slow, points = slow_points(self._scene, pairs, self.contact_points), self.contact_points
         if not slow:
             return
-        pressing = self.solver.pressing_accelerations((*held, *(contact for contact, _ in slow)))[len(held) :]
+        pressing = self.solver.pressing_accelerations((*points, *(contact for contact, _ in slow)))[len(points) :]
         for (contact, rate), b in zip(slow, pressing.tolist(), strict=True):
             # Under a constant deceleration b the gap peaks at rate^2 / (2 b).
             if rate**2 <= 2.0 * b * LIFT_OFF_M:
@@ -413,27 +414,27 @@ class ActiveContactSet:
 
     def push(self, data: Any) -> None:
         """Add the forces of the active set to ``data.qfrc_applied``, which already holds all other applied forces."""
-        applied, solver, flight = data.qfrc_applied, self.solver, self.motion.forced
-        assert flight is not None
+        applied, solver, forced = data.qfrc_applied, self.solver, self.motion.forced
+        assert forced is not None
         # Inside a step the modes are fixed, so that it integrates a smooth ODE: only rows and forces change with the stage.
-        if flight.inside:
+        if forced.inside:
             if self.pressing:
                 self.stages.append(solver.stage_forces(self.pressing).add(applied))
             return
         solver.other_forces = applied.copy()
         if not self.pressing:
             return
-        here = solver.evaluation(self.pressing)
+        evaluation = solver.evaluation(self.pressing)
         # At the nodes of an implicit step friction and slips depend on each other; elsewhere forces follow from the state.
-        if flight.stage is None:
-            stage, generalised = stage_of(here)
+        if forced.stage is None:
+            stage, generalised = stage_of(evaluation)
         else:
-            if flight.stage.stiff is None:
-                flight.stage.stiff = self._slips = ImplicitSlips(here)
-            stage, generalised = self._slips.stage_of(here, flight.stage.node)
+            if forced.stage.stiff is None:
+                forced.stage.stiff = self._slips = ImplicitSlips(evaluation)
+            stage, generalised = self._slips.stage_of(evaluation, forced.stage.node)
         applied += generalised
-        if flight.repeats:
-            self.stages[flight.repeats] = stage
+        if forced.repeats:
+            self.stages[forced.repeats] = stage
         else:
             self.stages.append(stage)
 
@@ -490,8 +491,8 @@ class ActiveContactSet:
     def set_pressing(self, pressing: tuple[ContactPoint, ...]) -> None:
         """Set the active set."""
         self.pressing = pressing
-        held = Counter(contact.pair for contact in pressing)
-        self.solver.flat = frozenset(pair for pair, points in held.items() if points >= _PATCH_POINTS)
+        count_of = Counter(contact.pair for contact in pressing)
+        self.solver.flat = frozenset(pair for pair, points in count_of.items() if points >= _PATCH_POINTS)
         self._tilts.set_points(pressing)
 
     def step_limit(self, left_s: float) -> float:
@@ -500,15 +501,15 @@ class ActiveContactSet:
         Args:
             left_s: Remaining time of the grid step, s.
         """
-        flight = self.motion.forced
-        if flight is None:
+        forced = self.motion.forced
+        if forced is None:
             return left_s
-        flight.implicit, limit = False, left_s
+        forced.implicit, limit = False, left_s
         if self._tilts.bound_steps:
             limit = min(limit, self._tilts.step_limit(left_s))
         if self._chosen is not None:
             modes = self.modes
-            limit, flight.implicit, modes.layers = step_rule(
+            limit, forced.implicit, modes.layers = step_rule(
                 self._chosen, modes.layers, limit, self.motion.data.time, self.data.ctrl.tobytes()
             )
         return limit
@@ -549,9 +550,9 @@ class ActiveContactSet:
             decision = self.decide()
             self.modes.released = decision.releases or (slips and decision.validity_margin() >= 0.0)
 
-    def _clearance_elsewhere(self, here: Decision | None) -> float:
+    def _clearance_elsewhere(self, decision: Decision | None) -> float:
         """Least clearance of closed pairs outside their active contact points, m."""
-        largest = here.rows.extremes.gap if here is not None else 0.0
+        largest = decision.rows.extremes.gap if decision is not None else 0.0
         return self.clearance.least(self.solver.place(), largest, self.gaps_of)
 
     def gaps_of(self, pair: ContactPair) -> list[float]:
@@ -564,8 +565,8 @@ class ActiveContactSet:
 
     def touches_elsewhere(self) -> bool:
         """Whether a closed pair touches at a point other than its contact points, as a cap does that has fallen flat."""
-        here = self.decide() if self.contact_points else None
-        return self._clearance_elsewhere(here) < 0.0 or self._tilts.least_rise() < 0.0
+        decision = self.decide() if self.contact_points else None
+        return self._clearance_elsewhere(decision) < 0.0 or self._tilts.least_rise() < 0.0
 
     def overlapping_features(self) -> list[Feature]:
         """Features other than the contact points, by which closed pairs overlap."""
@@ -597,6 +598,6 @@ class ActiveContactSet:
     def _pairs_where(self, holds: Callable[[PointRows], list[bool]]) -> list[UnilateralConstraint]:
         if not self.contact_points:
             return []
-        here = self.decide()
-        beyond = zip(here.contact_points, holds(here.rows), strict=True)
+        decision = self.decide()
+        beyond = zip(decision.contact_points, holds(decision.rows), strict=True)
         return list(dict.fromkeys([contact.pair for contact, is_beyond in beyond if is_beyond]))

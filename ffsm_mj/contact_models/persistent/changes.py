@@ -121,7 +121,7 @@ class ContactChanges:
             decision.contact_points[i].pair for i in decision.pressing if decision.contact_points[i] not in closed.pressing
         ]
         # A log replay chooses modes anew at ticks and events only: it must know of each change between them.
-        changed = (decision.here.modes.kinds != decision.kinds) | decision.restarts
+        changed = (decision.evaluation.modes.kinds != decision.kinds) | decision.restarts
         presses += [decision.contact_points[i].pair for i in np.flatnonzero(changed).tolist()]
         pairs = list(dict.fromkeys([*presses, *closed.pairs_with_drift(), *closed.pairs_with_tilt()]))
         return (CONTACT_CHANGES, pairs) if pairs else None
@@ -156,11 +156,11 @@ class ContactChanges:
 
 def _slides(contact_points: Sequence[ContactPoint], kinds: Sequence[int]) -> dict[UnilateralConstraint, bool]:
     """Pairs with friction that carry force, and whether any of their points slides."""
-    found: dict[UnilateralConstraint, bool] = {}
+    sliding: dict[UnilateralConstraint, bool] = {}
     for contact, kind in zip(contact_points, kinds, strict=True):
         if contact.pair.mu > 0.0 and kind in (Mode.SLIDE, Mode.STICK):
-            found[contact.pair] = found.get(contact.pair, False) or kind == Mode.SLIDE
-    return found
+            sliding[contact.pair] = sliding.get(contact.pair, False) or kind == Mode.SLIDE
+    return sliding
 
 
 class ChangeRecords:

@@ -59,7 +59,7 @@ class Clearance:
         self.flat_pairs = {
             pair
             for pair in self.pairs
-            if not pair.is_of(mujoco.mjtGeom.mjGEOM_MESH) and _lie_flat([each.feature for each in by_pair[pair]])
+            if not pair.is_of(mujoco.mjtGeom.mjGEOM_MESH) and _lie_flat([point.feature for point in by_pair[pair]])
         }
         self.forget()
 
@@ -120,7 +120,11 @@ def may_touch_at_several_points(pair: Any) -> bool:
 
 def _lie_flat(features: Sequence[Feature]) -> bool:
     """Whether some features are at least three points of one body over the same face, far from being on a line."""
-    places = [each.point.centre for each in features if isinstance(each, PointOnFace) and over_one_face(features[0], each)]
+    places = [
+        feature.point.centre
+        for feature in features
+        if isinstance(feature, PointOnFace) and over_one_face(features[0], feature)
+    ]
     if len(places) < 3:
         return False
     longest, across, _ = np.linalg.svd(np.array(places) - np.mean(places, axis=0), compute_uv=False)

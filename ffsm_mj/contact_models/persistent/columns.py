@@ -119,30 +119,30 @@ class LimitReport(_ForceTable):
 
     def _write_values(self) -> None:
         """Write the columns for the state in ``data`` under its efforts."""
-        held = [pair for pair in self._active_set.by_pair if isinstance(pair, JointLimit)]
-        if not held and self._is_blank:
+        limits = [pair for pair in self._active_set.by_pair if isinstance(pair, JointLimit)]
+        if not limits and self._is_blank:
             return
-        self._values[:, :2], self._is_blank = 0.0, not held
-        for limit, (state, force) in self._now(held).items():
+        self._values[:, :2], self._is_blank = 0.0, not limits
+        for limit, (state, force) in self._now(limits).items():
             self._values[self._row[limit], :2] = -limit.sign * state, limit.sign * force
 
     def _now(self, limits: Sequence[JointLimit]) -> dict[JointLimit, tuple[float, float]]:
         """State and force of some limits, N or N m, at the state in ``data`` under its efforts."""
         closed = self._active_set
-        found = dict.fromkeys(limits, (_FREE, 0.0))
+        state = dict.fromkeys(limits, (_FREE, 0.0))
         if not closed.contact_points or not limits:
-            return found
+            return state
         decision = closed.decide()
         for i, (contact, force) in enumerate(zip(decision.contact_points, decision.forces.tolist(), strict=True)):
-            if isinstance(contact.pair, JointLimit) and contact.pair in found:
-                found[contact.pair] = (_PRESSED, force) if i in decision.pressing else (_TOUCHING, 0.0)
-        return found
+            if isinstance(contact.pair, JointLimit) and contact.pair in state:
+                state[contact.pair] = (_PRESSED, force) if i in decision.pressing else (_TOUCHING, 0.0)
+        return state
 
     def add_forces(self, applied: FloatArray) -> None:
         """Add the forces of all limits under the efforts in ``data``, (nv,) of the motion."""
         closed = self._active_set
-        held = [pair for pair in closed.by_pair if isinstance(pair, JointLimit)]
-        for limit, (_, force) in self._now(held).items():
+        limits = [pair for pair in closed.by_pair if isinstance(pair, JointLimit)]
+        for limit, (_, force) in self._now(limits).items():
             motion = closed.motion
             applied += limit.row(motion.model, motion.data, motion.dofs) * force
 
@@ -278,9 +278,9 @@ class ContactReport(_ForceTable):
         pressing = closed.by_pair if decision.sticks else {decision.contact_points[i].pair for i in decision.pressing}
         by_pair = decision.of_pairs.by_pair
         rubbing = {}
-        for rule, each in by_rule.items():
-            mode, *values = row_of(each, pressing)
-            pairs = [friction for pair, _ in each if (friction := by_pair.get(pair))]
+        for rule, resultants in by_rule.items():
+            mode, *values = row_of(resultants, pressing)
+            pairs = [friction for pair, _ in resultants if (friction := by_pair.get(pair))]
             if pairs:
                 rubbing[rule] = pairs
                 mode = SLIDING if any(pair.slides for pair in pairs) else STICKING
@@ -291,19 +291,19 @@ class ContactReport(_ForceTable):
         """Pairs in contact with the resultants of their forces, by rule."""
         closed, forces, contact_points, end = self._active_set, decision.forces, decision.contact_points, 0
         by_rule = dict[str, list[tuple[ContactPair, Resultant]]]()
-        for pair, own in closed.by_pair.items():
-            part = slice(end, end := end + len(own))
-            if own and not isinstance(pair, JointLimit):
-                found = resultant(contact_points, decision.rows, forces, part, decision.friction)
-                by_rule.setdefault(pair.rule, []).append((pair, found))
+        for pair, points_ in closed.by_pair.items():
+            part = slice(end, end := end + len(points_))
+            if points_ and not isinstance(pair, JointLimit):
+                sum_of = resultant(contact_points, decision.rows, forces, part, decision.friction)
+                by_rule.setdefault(pair.rule, []).append((pair, sum_of))
         return by_rule
 
     def active(self) -> tuple[ActiveContact, ...]:
         """The closed pairs and their forces at the state in ``data`` under its efforts, for control laws."""
         closed = self._active_set.by_pair.items()
-        found = self.places([pair for pair, points in closed if points and isinstance(pair, ContactPair)])
-        decision = self._active_set.decide() if found else None
-        return tuple(_active_contact(pair, at, decision) for pair, at in found.items())
+        places = self.places([pair for pair, points in closed if points and isinstance(pair, ContactPair)])
+        decision = self._active_set.decide() if places else None
+        return tuple(_active_contact(pair, at, decision) for pair, at in places.items())
 
     def wrenches(self) -> list[Wrench]:
         """Contact forces on both bodies of each closed contact at the state in ``data`` under its efforts."""
@@ -311,12 +311,12 @@ class ContactReport(_ForceTable):
         if not closed.contact_points:
             return []
         decision, out = closed.decide(), []
-        for contact, here, size, along in zip(
+        for contact, state, size, along in zip(
             decision.contact_points, decision.rows.states, decision.forces.tolist(), decision.friction, strict=True
         ):
             if size and not isinstance(contact.pair, JointLimit):
-                force = size * here.normal + along
-                out += [Wrench(contact.pair.body_a, here.point, -force), Wrench(contact.pair.body_b, here.point, force)]
+                force = size * state.normal + along
+                out += [Wrench(contact.pair.body_a, state.point, -force), Wrench(contact.pair.body_b, state.point, force)]
         return out
 
     def add_impulses(self, impulses: Mapping[UnilateralConstraint, float]) -> None:
@@ -338,16 +338,16 @@ class ContactReport(_ForceTable):
 
     def places(self, pairs: Sequence[ContactPair]) -> dict[ContactPair, Resultant]:
         """Resultant force and centre of pairs at the state in ``data`` under its efforts."""
-        closed, found = self._active_set, {}
+        closed, centres = self._active_set, {}
         decision, points = closed.decide() if closed.contact_points else None, closed.contact_points
         for pair in pairs:
             if decision and closed.by_pair.get(pair):
                 part = points_of(pair, points)
-                found[pair] = resultant(points, decision.rows, decision.forces, part, decision.friction)
+                centres[pair] = resultant(points, decision.rows, decision.forces, part, decision.friction)
             else:
                 near = pair.proximity(self._scene.system.mj, self._scene.data)
-                found[pair] = Resultant(np.zeros(3), near.points.mean(axis=0), near.normal)
-        return found
+                centres[pair] = Resultant(np.zeros(3), near.points.mean(axis=0), near.normal)
+        return centres
 
     def records(
         self,
@@ -391,15 +391,15 @@ class ContactReport(_ForceTable):
     def _friction_fields(self, kind: RecordKind, pair: ContactPair) -> dict[str, Any]:
         """Fields of a record about the friction of a closed pair at the state in ``data``."""
         decision = self._active_set.decide() if self._active_set.contact_points else None
-        found = decision.of_pairs.by_pair.get(pair) if decision is not None else None
-        if found is None or decision is None:
+        friction = decision.of_pairs.by_pair.get(pair) if decision is not None else None
+        if friction is None or decision is None:
             return {}
-        mode = MODE_NAMES[SLIDING if found.slides else STICKING]
+        mode = MODE_NAMES[SLIDING if friction.slides else STICKING]
         fields: dict[str, Any] = {"friction": f"{mode}, wedged" if decision.of_pairs.is_wedged(pair) else mode}
         if kind not in FRICTION_KINDS:
             return fields
-        use = {"friction_use": found.use, "slip_speed_m_s": found.slip_speed, "slip_m": self.friction.slip(pair.rule)}
-        return fields | {"friction_N": math.hypot(*found.force.tolist())} | use
+        use = {"friction_use": friction.use, "slip_speed_m_s": friction.slip_speed, "slip_m": self.friction.slip(pair.rule)}
+        return fields | {"friction_N": math.hypot(*friction.force.tolist())} | use
 
 
 class StepAccount:
@@ -488,6 +488,6 @@ class StepAccount:
 
     def _stages(self, duration_s: float) -> tuple[Sequence[Stage], FloatArray]:
         """Stages of the step and their quadrature weights, s; the last entry of all is the evaluation at its end."""
-        flight = self._active_set.motion.forced
-        assert flight is not None
-        return self._active_set.stages[-1 - len(flight.weights) : -1], duration_s * flight.weights
+        forced = self._active_set.motion.forced
+        assert forced is not None
+        return self._active_set.stages[-1 - len(forced.weights) : -1], duration_s * forced.weights

@@ -33,7 +33,7 @@ from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
 from ffsm_mj.tolerances import RATE
 
 if TYPE_CHECKING:
-    from ffsm_mj._core.forces import HeldForces
+    from ffsm_mj._core.forces import ActiveForces
     from ffsm_mj._core.rows import RowMemory
 
 
@@ -60,10 +60,10 @@ def point_runs(contact_points: Sequence[ContactPoint]) -> list[slice]:
     """Runs of contact points that are evaluated together."""
     starts = [
         i
-        for i, each in enumerate(contact_points)
+        for i, point in enumerate(contact_points)
         if i == 0
-        or each.pair is not contact_points[i - 1].pair
-        or not over_one_face(contact_points[i - 1].feature, each.feature)
+        or point.pair is not contact_points[i - 1].pair
+        or not over_one_face(contact_points[i - 1].feature, point.feature)
     ]
     return [slice(start, end) for start, end in pairwise([*starts, len(contact_points)])]
 
@@ -77,8 +77,8 @@ class SinglePoint:
 
     def at_state(self, data: Any, twist: PairTwist) -> SingleState:
         """Evaluate at the state in ``data``, with the twist of both bodies there."""
-        here = self._feature.at(data)
-        return SingleState(_in_patch(here, twist) if self._in_patch else here, twist)
+        state = self._feature.at(data)
+        return SingleState(_in_patch(state, twist) if self._in_patch else state, twist)
 
 
 class SingleState:
@@ -93,36 +93,36 @@ class SingleState:
         insides: Distances to the bounds of the features, m.
     """
 
-    def __init__(self, here: FeatureState, twist: PairTwist) -> None:
+    def __init__(self, state: FeatureState, twist: PairTwist) -> None:
         """Store its state and the twist of both bodies."""
-        self.states, self.count = (here,), 1
-        self.gaps, self.rates, self.scales, self.insides = (here.gap,), (here.rate,), (here.scale,), (here.inside,)
-        self._here, self._twist = here, twist
-        x, y, z = here.point.tolist()
+        self.states, self.count = (state,), 1
+        self.gaps, self.rates, self.scales, self.insides = (state.gap,), (state.rate,), (state.scale,), (state.inside,)
+        self._state, self._twist = state, twist
+        x, y, z = state.point.tolist()
         self._arm = minus((x, y, z), twist.b.centre)
 
     @property
     def normals(self) -> FloatArray:
         """Normals from a to b, (m, 3)."""
-        return self._here.normal[None]
+        return self._state.normal[None]
 
     @property
     def points(self) -> FloatArray:
         """Points of application of the forces, m, (m, 3)."""
-        return self._here.point[None]
+        return self._state.point[None]
 
     def normal_rows(self, rows: FloatArray, gamma: FloatArray) -> None:
         """Write the wrench rows of the normals, (m, 6), and the second rates of the gaps at qacc = 0, (m,)."""
-        x, y, z = self._here.normal.tolist()
+        x, y, z = self._state.normal.tolist()
         rows[0] = *cross(self._arm, (x, y, z)), x, y, z
         gamma[0] = self._normal_gamma()
 
     def _normal_gamma(self) -> float:
         """Acceleration of the material points along the normal, and the curvature terms of the moving contact point."""
-        here = self._here
-        x, y, z = here.normal.tolist()
-        own = _acceleration((x, y, z), self._twist.b, here.point_b)
-        return own - _acceleration((x, y, z), self._twist.a, here.point_a) + here.bend
+        state = self._state
+        x, y, z = state.normal.tolist()
+        of_b = _acceleration((x, y, z), self._twist.b, state.point_b)
+        return of_b - _acceleration((x, y, z), self._twist.a, state.point_a) + state.bend
 
     def frictional_rows(self, axes: FloatArray, rows: FloatArray, gamma: FloatArray) -> None:
         """Write the wrench rows of the normals and of two tangents.
@@ -133,7 +133,7 @@ class SingleState:
             gamma: Second rates of the gaps, and rates of the relative velocity at the contact points, which move over both
                 surfaces, at qacc = 0, (m, 3).
         """
-        twist, (u, v, w) = self._twist, self._here.point_rate
+        twist, (u, v, w) = self._twist, self._state.point_rate
         rows[0, :, :3], rows[0, :, 3:] = np.cross(self._arm, axes), axes
         passing = shifted(twist.acceleration, 1.0, cross(twist.alpha, self._arm))
         gamma[0] = axes.dot(shifted(passing, 1.0, cross(twist.omega, (u, v, w))))
@@ -149,12 +149,12 @@ def _acceleration(axis: Vector, body: BodyTwist, point: FloatArray) -> float:
     return dot(axis, spatial) + dot(axis, cross(omega, passing))
 
 
-def _in_patch(here: FeatureState, twist: PairTwist) -> FeatureState:
+def _in_patch(state: FeatureState, twist: PairTwist) -> FeatureState:
     """The state of a point of a flat patch, whose normal turns with body a."""
-    (x, y, z), (i, j, k) = here.point.tolist(), here.normal.tolist()
+    (x, y, z), (i, j, k) = state.point.tolist(), state.normal.tolist()
     w = shifted(twist.velocity, 1.0, cross(twist.omega, minus((x, y, z), twist.b.centre)))
     bend = 2.0 * dot(cross(twist.a.omega, (i, j, k)), w)
-    return here._replace(point_a=here.point, point_b=here.point, bend=bend, scale=max(here.scale, abs(bend)))
+    return state._replace(point_a=state.point, point_b=state.point, bend=bend, scale=max(state.scale, abs(bend)))
 
 
 class Extremes(NamedTuple):
@@ -182,7 +182,7 @@ class PointRows:
     Attributes:
         groups: The points, by what is evaluated together.
         memory: Their rows.
-        held: Linear problems for the forces that hold some of the rows; see ``friction/problem.py``.
+        active: Linear problems for the forces that hold some of the rows; see ``friction/problem.py``.
         loop_rates: Part of gamma that is due to closed loops, m/s^2; None without any.
     """
 
@@ -191,7 +191,7 @@ class PointRows:
     def __init__(self, groups: Sequence[SingleState], memory: RowMemory) -> None:
         """Store the points; see the attributes."""
         self.groups, self.memory = groups, memory
-        self.held: dict[tuple[bytes, bytes], HeldForces] = {}
+        self.active: dict[tuple[bytes, bytes], ActiveForces] = {}
 
     @cached_property
     def J(self) -> FloatArray:

@@ -75,10 +75,10 @@ class Shares:
     @cached_property
     def pairs(self) -> list[tuple[UnilateralConstraint, list[int], int]]:
         """Each pair with its groups and its first point."""
-        found: dict[UnilateralConstraint, tuple[list[int], int]] = {}
+        groups: dict[UnilateralConstraint, tuple[list[int], int]] = {}
         for group, run in enumerate(point_runs(self.contact_points)):
-            found.setdefault(self.contact_points[run.start].pair, ([], run.start))[0].append(group)
-        return [(pair, *places) for pair, places in found.items()]
+            groups.setdefault(self.contact_points[run.start].pair, ([], run.start))[0].append(group)
+        return [(pair, *places) for pair, places in groups.items()]
 
     @classmethod
     def of(cls, system: System, contact_points: Sequence[ContactPoint], grasped_bodies: frozenset[int]) -> Shares:
@@ -92,8 +92,8 @@ def robot_dofs(system: System, motion: Motion) -> slice:
     """Degrees of freedom of the robot in a motion, including a grasped object."""
     model = motion.model
     root = model.body_rootid[motion.bodies[system.robot.root]]
-    own = np.flatnonzero(model.body_rootid[model.dof_bodyid] == root)
-    return slice(int(own[0]), int(own[-1]) + 1)
+    flags = np.flatnonzero(model.body_rootid[model.dof_bodyid] == root)
+    return slice(int(flags[0]), int(flags[-1]) + 1)
 
 
 def exchanged(

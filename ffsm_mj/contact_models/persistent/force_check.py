@@ -46,7 +46,7 @@ from ffsm_mj.contact_models.impact.friction.result import tangents
 from ffsm_mj.contact_models.impact.laws import least_norm, project
 from ffsm_mj.contact_models.impact.resolution import Contact, LimitContact, as_contact, contact_jacobian, contact_rows
 from ffsm_mj.contact_models.interface import Scene
-from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet, closed_and_still, held_rate_tolerance
+from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet, closed_and_still, closed_rate_tolerance
 from ffsm_mj.contact_models.persistent.columns import force_key, state_key
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.friction.cones import depth
@@ -96,7 +96,7 @@ def changes_by_turns(decision: Decision, solution: Solution, slides: BoolArray) 
         solution: Their forces in some modes.
         slides: Points that slide in these modes, (k,).
     """
-    modes, rows = decision.here.modes, decision.rows
+    modes, rows = decision.evaluation.modes, decision.rows
     # A point that goes straight on to its stop keeps the direction of an earlier slip.
     known_at = np.where(modes.straight, modes.directed_at, np.hypot(*rows.slips.T))
     points = np.flatnonzero(slides & (modes.mu > 0.0) & (rows.speed_rounding > ACCELERATION * known_at))
@@ -123,7 +123,7 @@ class RecordAccuracy:
         Impulses have the rounding of tilts, and that of the time in the durations of steps. A point that has just stopped
         has no direction of slip but the one that it kept; a log does not have that one.
         """
-        closed, pairs = self._active_set, [each for each in records if isinstance(each, ContactRecord)]
+        closed, pairs = self._active_set, [record for record in records if isinstance(record, ContactRecord)]
         after = use = 0.0
         if closed.contact_points:
             after = _sum_of_sizes(_force_changes(closed))
@@ -131,7 +131,7 @@ class RecordAccuracy:
             limits = [contact.pair.mu * force for contact, force in loads if contact.pair.mu > 0.0 and force > 0.0]
             # Friction and its limit change by that force each; a share of 1 is the largest.
             use = min(2.0 * after / min(limits, default=math.inf), 1.0)
-        impulses = [self._tilt_share * each.impulse_N_s + EVENT_TIME * each.time_s * each.force_before_N for each in pairs]
+        impulses = [self._tilt_share * pair.impulse_N_s + EVENT_TIME * pair.time_s * pair.force_before_N for pair in pairs]
         fields = {"force_before_N": self._before, "force_after_N": after, "friction_N": after}
         return fields | {"friction_use": use, "impulse_N_s": max(impulses, default=0.0)}
 
@@ -163,7 +163,7 @@ def _force_changes(active_set: ActiveContactSet, *, before: bool = False) -> Flo
     """
     decision, tilts = active_set.decide(), _changes_by_tilts(active_set)
     if before:
-        turns = changes_by_turns(decision, decision.in_present_modes, decision.here.modes.slides)
+        turns = changes_by_turns(decision, decision.in_present_modes, decision.evaluation.modes.slides)
     else:
         turns = changes_by_turns(decision, decision.solution, (decision.kinds == SLIDE) & decision.slipping)
     return np.concatenate((turns, tilts), axis=2)
@@ -181,8 +181,8 @@ def _changes_by_tilts(active_set: ActiveContactSet) -> FloatArray:
         decision.rows.scales,
         {i: _tilt_share(points[i], active_set) for i in decision.pressing},
     )
-    found = [_tilt_response(decision, i, share * scales[i]) for i, share in shares.items() if share > 0.0]
-    return np.stack(found, axis=2) if found else np.zeros((len(decision.contact_points), 3, 0))
+    responses = [_tilt_response(decision, i, share * scales[i]) for i, share in shares.items() if share > 0.0]
+    return np.stack(responses, axis=2) if responses else np.zeros((len(decision.contact_points), 3, 0))
 
 
 def _tilt_share(contact: ContactPoint, active_set: ActiveContactSet) -> float:
@@ -196,7 +196,7 @@ def _tilt_response(decision: Decision, point: int, acceleration: float) -> Float
     count = len(decision.contact_points)
     solution, more = decision.solution, np.zeros(3 * count)
     more[3 * point] = acceleration
-    return decision.problem.held_in(solution.kinds).forces(more, solution.directions)
+    return decision.problem.active_forces(solution.kinds).forces(more, solution.directions)
 
 
 class PointAgain(NamedTuple):
@@ -228,22 +228,24 @@ def resultants_with_friction(
         data: Its data or the copy.
         M: Its mass matrix.
     """
-    axes = [_axes(each) for each in points]
-    J = np.stack([contact_rows(motion.model, data, contact, each[1:]) for contact, each in zip(contacts, axes, strict=True)])
-    b = np.array(
-        [(each.rate.value, *(across[1:] @ each.rate.acceleration)) for each, across in zip(points, axes, strict=True)]
+    axes = [_axes(point) for point in points]
+    J = np.stack(
+        [contact_rows(motion.model, data, contact, across[1:]) for contact, across in zip(contacts, axes, strict=True)]
     )
-    u, mu = J @ data.qvel, np.array([each.pair.mu for each in points])
+    b = np.array(
+        [(point.rate.value, *(across[1:] @ point.rate.acceleration)) for point, across in zip(points, axes, strict=True)]
+    )
+    u, mu = J @ data.qvel, np.array([point.pair.mu for point in points])
     kinds, rounding = _modes(closed, points, u)
     A = _weighted(motion, M, J.reshape(-1, J.shape[2]))
-    forces = _in_cones(A, _forces(A, b.ravel(), *_held(closed, points, axes, u, kinds)), mu, kinds)
+    forces = _in_cones(A, _forces(A, b.ravel(), *_active_rows(closed, points, axes, u, kinds)), mu, kinds)
     rates = (b.ravel() + A @ (A.T @ forces.ravel()))[::3]
     violation = _violation(forces, mu, kinds, rates, np.sum(A[::3] ** 2, axis=1), rounding)
-    found: dict[UnilateralConstraint, FloatArray] = {}
-    for each, across, force in zip(points, axes, forces, strict=True):
-        vector = force[0] * _FIRST_ROW if isinstance(each.pair, JointLimit) else force @ across
-        found[each.pair] = found.get(each.pair, np.zeros(3)) + vector
-    return found, violation
+    resultants: dict[UnilateralConstraint, FloatArray] = {}
+    for point, across, force in zip(points, axes, forces, strict=True):
+        vector = force[0] * _FIRST_ROW if isinstance(point.pair, JointLimit) else force @ across
+        resultants[point.pair] = resultants.get(point.pair, np.zeros(3)) + vector
+    return resultants, violation
 
 
 def _weighted(motion: Motion, M: FloatArray, J: FloatArray) -> FloatArray:
@@ -256,10 +258,10 @@ def _weighted(motion: Motion, M: FloatArray, J: FloatArray) -> FloatArray:
     return np.linalg.solve(L, J.T).T if motion.loops is None else motion.loops.response(J) @ L
 
 
-def _axes(each: PointAgain) -> FloatArray:
+def _axes(point: PointAgain) -> FloatArray:
     """Normal and tangents of a point, (3, 3); zero tangents without friction."""
-    across = tangents(each.near.normal) if each.pair.mu > 0.0 else np.zeros((2, 3))
-    return np.vstack((each.near.normal, across))
+    across = tangents(point.near.normal) if point.pair.mu > 0.0 else np.zeros((2, 3))
+    return np.vstack((point.near.normal, across))
 
 
 def _modes(closed: ActiveContactSet, points: Sequence[PointAgain], u: FloatArray) -> tuple[IntArray, float]:
@@ -270,29 +272,29 @@ def _modes(closed: ActiveContactSet, points: Sequence[PointAgain], u: FloatArray
     decision = closed.decide()
     replayed = dict(zip(decision.contact_points, decision.kinds.tolist(), strict=True))
     kinds = np.full(len(points), Mode.CLOSED, dtype=np.int64)
-    for i, each in enumerate(points):
-        contact = _same_point(closed, each)
+    for i, point in enumerate(points):
+        contact = _same_point(closed, point)
         kinds[i] = replayed[contact] if contact is not None else Mode.CLOSED
-        if kinds[i] == Mode.STICK and math.hypot(*u[i, 1:].tolist()) > held_rate_tolerance(each.near):
+        if kinds[i] == Mode.STICK and math.hypot(*u[i, 1:].tolist()) > closed_rate_tolerance(point.near):
             kinds[i] = Mode.SLIDE
     return kinds, _ROUNDINGS * float(decision.rounding.max(initial=0.0))
 
 
-def _forces(A: FloatArray, b: FloatArray, held: Sequence[int], along: FloatArray) -> FloatArray:
+def _forces(A: FloatArray, b: FloatArray, active: Sequence[int], along: FloatArray) -> FloatArray:
     """Forces (n, t1, t2) of equal springs that hold some rows, N, (k, 3).
 
     Args:
         A: Rows J L^-T, (3k, nv).
         b: Accelerations without contact forces, m/s^2, (3k,).
-        held: Indices of the rows held.
+        active: Indices of the rows held.
         along: Directions along which their forces act, (3k, rows held).
     """
-    if not len(held):
+    if not len(active):
         return np.zeros((len(b) // 3, 3))
-    U, sizes, _ = np.linalg.svd(A[held], full_matrices=False)
+    U, sizes, _ = np.linalg.svd(A[active], full_matrices=False)
     U = U[:, sizes > math.sqrt(RANK) * sizes[0]]
-    system = U.T @ A[held] @ (along.T @ A).T @ U
-    shares = U @ np.linalg.lstsq(system, -U.T @ b[held], rcond=None)[0]
+    system = U.T @ A[active] @ (along.T @ A).T @ U
+    shares = U @ np.linalg.lstsq(system, -U.T @ b[active], rcond=None)[0]
     return np.asarray(along @ shares).reshape(-1, 3)
 
 
@@ -332,32 +334,32 @@ def _violation(
     return max(outside, float(normal.max(initial=0.0)), 0.0)
 
 
-def _held(
+def _active_rows(
     closed: ActiveContactSet, points: Sequence[PointAgain], axes: Sequence[FloatArray], u: FloatArray, kinds: IntArray
 ) -> tuple[list[int], FloatArray]:
     """Indices of the rows held in some modes, and the directions along which their forces act, (3k, rows)."""
     decision = closed.decide()
     replayed = zip(decision.directions, decision.rows.speed_rounding.tolist(), strict=True)
     known = dict(zip(decision.contact_points, replayed, strict=True))
-    held: list[int] = []
+    active: list[int] = []
     columns: list[FloatArray] = []
-    for i, (each, across) in enumerate(zip(points, axes, strict=True)):
-        contact, kind = _same_point(closed, each), int(kinds[i])
+    for i, (point, across) in enumerate(zip(points, axes, strict=True)):
+        contact, kind = _same_point(closed, point), int(kinds[i])
         if kind in (Mode.SLIDE, Mode.STICK):
             column = np.zeros(3 * len(points))
             column[3 * i] = 1.0
-            if kind == Mode.SLIDE and each.pair.mu > 0.0:
+            if kind == Mode.SLIDE and point.pair.mu > 0.0:
                 assert contact is not None
                 direction, rounding = known[contact]
                 along = _direction(u[i, 1:], across[1:] @ direction, rounding)
-                column[3 * i + 1 : 3 * i + 3] = -each.pair.mu * along
-            held.append(3 * i)
+                column[3 * i + 1 : 3 * i + 3] = -point.pair.mu * along
+            active.append(3 * i)
             columns.append(column)
         if kind == Mode.STICK:
             for row in (3 * i + 1, 3 * i + 2):
-                held.append(row)
+                active.append(row)
                 columns.append(np.eye(1, 3 * len(points), row)[0])
-    return held, np.array(columns).reshape(-1, 3 * len(points)).T
+    return active, np.array(columns).reshape(-1, 3 * len(points)).T
 
 
 def _direction(u: FloatArray, replayed: FloatArray, rounding: float) -> FloatArray:
@@ -365,16 +367,19 @@ def _direction(u: FloatArray, replayed: FloatArray, rounding: float) -> FloatArr
 
     Friction turns by the rounding of a slip over the slip: by 1e-7 rad at 2e-5 m/s, which is more than forces may differ.
     """
-    speed, (own, unit) = math.hypot(*u.tolist()), unit_slips(np.array((u, replayed)))
+    speed, (slip, unit) = math.hypot(*u.tolist()), unit_slips(np.array((u, replayed)))
     # A point that sticks in the replay has no direction there.
-    says_else = speed > _SLIPS_M_S and speed * math.dist(own, unit) > _ROUNDINGS * rounding
-    return np.asarray(own if says_else or not unit.any() else unit)
+    says_else = speed > _SLIPS_M_S and speed * math.dist(slip, unit) > _ROUNDINGS * rounding
+    return np.asarray(slip if says_else or not unit.any() else unit)
 
 
-def _same_point(closed: ActiveContactSet, each: PointAgain) -> ContactPoint | None:
+def _same_point(closed: ActiveContactSet, point: PointAgain) -> ContactPoint | None:
     """The contact point of the replay at the place of a point."""
-    for contact in closed.by_pair.get(each.pair, ()):
-        if isinstance(each.pair, JointLimit) or math.dist(contact.feature.at(closed.data).point, each.point) <= SAME_POINT_M:
+    for contact in closed.by_pair.get(point.pair, ()):
+        if (
+            isinstance(point.pair, JointLimit)
+            or math.dist(contact.feature.at(closed.data).point, point.point) <= SAME_POINT_M
+        ):
             return contact
     return None
 
@@ -413,19 +418,19 @@ class ForceCheck:
         motion = self._closed_set.motion
         # Open contacts have zeros in all these columns, as in most rows of most runs.
         logged, closed = self._logged(row) if row[self.places].any() else self._nothing
-        held = {pair for pair in self._closed_set.by_pair if pair.rule in closed}
+        closed_pairs = {pair for pair in self._closed_set.by_pair if pair.rule in closed}
         touching = [
             (pair, near)
             for pair in (self._pairs[i] for i in self._broad_phase.within(self._scene.data, CLEARLY_APART_M))
-            if pair.geom_ids not in motion.disabled and (near := self._closed(pair, pair in held))
+            if pair.geom_ids not in motion.disabled and (near := self._closed(pair, pair in closed_pairs))
         ]
         if not touching and not logged.any():
             return 0.0
-        found = dict.fromkeys(self._names, np.zeros(3))
+        sums = dict.fromkeys(self._names, np.zeros(3))
         resultants, violation = self._resultants(touching, motion)
         for pair, force in resultants.items():
-            found[pair.rule] = found[pair.rule] + force
-        apart = [float(np.linalg.norm(force - found[name])) for name, force in zip(self._names, logged, strict=True)]
+            sums[pair.rule] = sums[pair.rule] + force
+        apart = [float(np.linalg.norm(force - sums[name])) for name, force in zip(self._names, logged, strict=True)]
         return max(violation, *apart)
 
     def _logged(self, row: FloatArray) -> tuple[FloatArray, frozenset[str]]:
@@ -453,30 +458,30 @@ class ForceCheck:
 
         The second value is the violation of Coulomb's conditions, N; zero without friction.
         """
-        held = self._closed_set.states()
+        states = self._closed_set.states()
         points = [
-            (pair, here, point)
+            (pair, proximity, point)
             for pair, near in touching
-            for here, point in _points_with_normals(pair, near, held.get(pair, []))
+            for proximity, point in _points_with_normals(pair, near, states.get(pair, []))
         ]
         if not points:
             return {}, 0.0
         contacts = [as_contact(pair, near, point, motion, 0.0) for pair, near, point in points]
         with self._free_motion(motion) as (seen, moving):
             model = self._scene.system.mj
-            found_rates = [pair.second_rate(model, seen, near, point) for pair, near, point in points]
-            rates = np.array([rate.value for rate in found_rates])
+            second_rates = [pair.second_rate(model, seen, near, point) for pair, near, point in points]
+            rates = np.array([rate.value for rate in second_rates])
             M = mass_matrix(motion.model, moving)
             if any(pair.mu > 0.0 for pair, *_ in points):
-                again = [PointAgain(*each, rate) for each, rate in zip(points, found_rates, strict=True)]
+                again = [PointAgain(*values, rate) for values, rate in zip(points, second_rates, strict=True)]
                 return resultants_with_friction(self._closed_set, again, contacts, motion, moving, M)
             A = _weighted(motion, M, np.stack([contact_jacobian(motion.model, moving, contact) for contact in contacts]))
         forces = least_norm(A, project(A, np.linalg.lstsq(A, rates, rcond=None)[0]))
-        found: dict[UnilateralConstraint, Any] = {}
+        resultants: dict[UnilateralConstraint, Any] = {}
         for (pair, near, _), force in zip(points, forces.tolist(), strict=True):
             along = _FIRST_ROW if isinstance(pair, JointLimit) else near.normal
-            found[pair] = found.get(pair, np.zeros(3)) + force * along
-        return found, 0.0
+            resultants[pair] = resultants.get(pair, np.zeros(3)) + force * along
+        return resultants, 0.0
 
     @contextmanager
     def _free_motion(self, motion: Motion) -> Iterator[tuple[Any, Any]]:
@@ -505,17 +510,17 @@ class ForceCheck:
 
 
 def _points_with_normals(
-    pair: UnilateralConstraint, near: Proximity, held: Sequence[FeatureState]
+    pair: UnilateralConstraint, near: Proximity, states: Sequence[FeatureState]
 ) -> list[tuple[Proximity, FloatArray]]:
     """Points of a pair that are closed, each with the proximity that has its normal."""
     if isinstance(pair, ContactPair) and pair.flush_angle > 0.0:
-        ends = _ends_of_side(pair, near, held)
+        ends = _ends_of_side(pair, near, states)
         if ends and near.gap >= -LANDING_DEPTH_M:
             return ends
-    return [(near, point) for point in _closed_points(near, [each.point for each in held])]
+    return [(near, point) for point in _closed_points(near, [state.point for state in states])]
 
 
-def _closed_points(near: Proximity, held: Sequence[FloatArray]) -> list[FloatArray]:
+def _closed_points(near: Proximity, closed_points: Sequence[FloatArray]) -> list[FloatArray]:
     """Candidate points of a pair that are closed, given its contact points in the contact model.
 
     All corners of a face that is flat to 1e-6 rad are candidates; corners that open are no longer in contact.
@@ -524,15 +529,19 @@ def _closed_points(near: Proximity, held: Sequence[FloatArray]) -> list[FloatArr
     closed = [
         point
         for point, speed in points
-        if speed <= _LIFTS_M_S and any(math.dist(point, each) <= SAME_POINT_M for each in held)
+        if speed <= _LIFTS_M_S and any(math.dist(point, other) <= SAME_POINT_M for other in closed_points)
     ]
     if closed and near.gap >= -LANDING_DEPTH_M:
         return closed
-    return [point for point, speed in points if speed <= held_rate_tolerance(near)]
+    return [point for point, speed in points if speed <= closed_rate_tolerance(near)]
 
 
-def _ends_of_side(pair: ContactPair, near: Proximity, held: Sequence[FeatureState]) -> list[tuple[Proximity, FloatArray]]:
+def _ends_of_side(pair: ContactPair, near: Proximity, states: Sequence[FeatureState]) -> list[tuple[Proximity, FloatArray]]:
     """The same where a round side lies along another one or across a cap: normals at its ends differ by a small angle."""
     # Until the middle of two sides that turn against each other lands, they part by as much at their ends.
     angle = max(PARALLEL, math.sqrt(LANDING_DEPTH_M / FLUSH_M) * pair.flush_angle)
-    return [(replace(near, normal=each.normal), each.point) for each in held if math.dist(each.normal, near.normal) <= angle]
+    return [
+        (replace(near, normal=state.normal), state.point)
+        for state in states
+        if math.dist(state.normal, near.normal) <= angle
+    ]

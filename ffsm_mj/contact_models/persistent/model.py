@@ -45,7 +45,7 @@ from ffsm_mj.contact_models.persistent.active_set import (
     closed_after_change,
     closed_and_still,
     closed_at,
-    held_rate_tolerance,
+    closed_rate_tolerance,
     rate_tolerance,
     refusal_in,
 )
@@ -92,8 +92,8 @@ class DriftProjection:
             return None
         contact_points, motion = closed.contact_points, closed.motion
         outside = Shares.of(self._system, contact_points, motion.grasped_bodies).outside != 0.0
-        taken = unit_wrenches(closed, outside.any(axis=0))
-        return self.projection.apply(motion, lambda: closed_rows(closed), taken, outside.any(axis=1))
+        projected = unit_wrenches(closed, outside.any(axis=0))
+        return self.projection.apply(motion, lambda: closed_rows(closed), projected, outside.any(axis=1))
 
 
 def drift_of(closed: ActiveContactSet) -> tuple[float, float, float]:
@@ -115,12 +115,12 @@ def unit_wrenches(closed: ActiveContactSet, which: BoolArray) -> FloatArray:
 
     Along the normals, and at points whose slip is drift along two tangents.
     """
-    points = [contact for contact, taken in zip(closed.contact_points, which.tolist(), strict=True) if taken]
+    points = [contact for contact, chosen in zip(closed.contact_points, which.tolist(), strict=True) if chosen]
     states = [contact.feature.at(closed.data) for contact in points]
     forces = [
-        (here.point, along)
-        for here, drifts in zip(states, closed.modes.of(tuple(points)).drifts.tolist(), strict=True)
-        for along in (here.normal, *(tangents(here.normal) if drifts else ()))
+        (state.point, along)
+        for state, drifts in zip(states, closed.modes.of(tuple(points)).drifts.tolist(), strict=True)
+        for along in (state.normal, *(tangents(state.normal) if drifts else ()))
     ]
     return np.array([np.concatenate((along, np.cross(point, along))) for point, along in forces]).reshape(-1, 6)
 
@@ -241,21 +241,21 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         """The closed contacts."""
         logged = [pair.name for pair in self._changes.logged]
         parts = self._report, self._limits, self._report.friction, self._drift.projection
-        return self.State(self._active_set.get_state(), logged, *(each.get_state() for each in parts))
+        return self.State(self._active_set.get_state(), logged, *(part.get_state() for part in parts))
 
     def set_state(self, state: Any) -> None:
         """Close contacts at the state in ``data``, with the motion of that state."""
-        told = entries(state, [each.name for each in fields(self.State)], "PersistentContactModel")
+        values = entries(state, [field.name for field in fields(self.State)], "PersistentContactModel")
         by_name = {pair.name: pair for pair in self._pairs}
-        self._changes.logged = [by_name[name] for name in told["logged"]]
-        self._report.set_state(told["contacts"])
-        self._limits.set_state(told["limits"])
-        self._report.friction.set_state(told["friction"])
-        self._drift.projection.set_state(told["projection"])
-        self._active_set.set_state(told["closed"], by_name)
+        self._changes.logged = [by_name[name] for name in values["logged"]]
+        self._report.set_state(values["contacts"])
+        self._limits.set_state(values["limits"])
+        self._report.friction.set_state(values["friction"])
+        self._drift.projection.set_state(values["projection"])
+        self._active_set.set_state(values["closed"], by_name)
         self._landing, self._located_s = False, None
-        names = [each.name for each in fields(ActiveContactSet.State)]
-        self._resumes = entries(told["closed"], names, "ActiveContactSet")["in_step"]
+        names = [field.name for field in fields(ActiveContactSet.State)]
+        self._resumes = entries(values["closed"], names, "ActiveContactSet")["in_step"]
         self._set_activity()
 
     def forget(self) -> None:
@@ -274,16 +274,16 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         """
         super().bind(motion)
         self._active_set.bind(motion)
-        held = dict(self._active_set.by_pair)
-        for pair in held:
+        by_pair = dict(self._active_set.by_pair)
+        for pair in by_pair:
             # Geoms of one rigid body cannot part: they are no contact while the grasp that joins them is closed.
             if pair.geom_ids in motion.disabled:
                 self._active_set.set_points(pair, ())
         before, self._previous = self._previous, (motion, motion.grasps, motion.disabled)
         if before is not None and before != self._previous:
-            for pair, near, still in closed_after_change(closed_pairs(self._broad_phase, self.scene, motion), held):
+            for pair, near, still in closed_after_change(closed_pairs(self._broad_phase, self.scene, motion), by_pair):
                 self._update_pair(pair, near, still)
-                self._active_set.modes.replace(held.get(pair, ()), self._active_set.by_pair.get(pair, ()))
+                self._active_set.modes.replace(by_pair.get(pair, ()), self._active_set.by_pair.get(pair, ()))
         self._update_activity()
         self._active_set.update_pressing()  # a pair of the previous active set may be on one rigid body in this motion
 
@@ -309,12 +309,14 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         """
         # An impact leaves its contacts normal velocities of rounding, as a share of the speed at which they met.
         approach = max((-near.rate for _, near in touching), default=0.0)
-        held = set(self._active_set.by_pair)
+        closed_before = set(self._active_set.by_pair)
         now = [(pair, pair.at_velocities(self.scene.data, near)) for pair, near in touching]
         for pair, near in now:
-            drifts = not struck and pair in held
-            self._update_pair(pair, near, held_rate_tolerance(near) if drifts else rate_tolerance(near, max(approach, 0.0)))
-        self._active_set.keep_slow_points([(pair, near) for pair, near in now if pair in held])
+            drifts = not struck and pair in closed_before
+            self._update_pair(
+                pair, near, closed_rate_tolerance(near) if drifts else rate_tolerance(near, max(approach, 0.0))
+            )
+        self._active_set.keep_slow_points([(pair, near) for pair, near in now if pair in closed_before])
         self._active_set.modes.struck = True
         self._update_activity()
 
@@ -370,8 +372,8 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         listed = {pair.rule for pair in self._changes.logged if isinstance(pair, ContactPair)}
         unlisted = closed_rules - listed
         near_pairs = [self._pairs[i] for i in self._broad_phase.within(self.scene.data, CLEARLY_APART_M)]
-        held = [pair for pair in near_pairs if pair in self._changes.logged or pair.rule in unlisted]
-        for pair, near, still in closed_at(self.scene, near_pairs, held):
+        closed_before = [pair for pair in near_pairs if pair in self._changes.logged or pair.rule in unlisted]
+        for pair, near, still in closed_at(self.scene, near_pairs, closed_before):
             self._update_pair(pair, near, still)
         self._changes.logged += [pair for pair in self._active_set.by_pair if pair.rule in unlisted]
         self._update_activity()

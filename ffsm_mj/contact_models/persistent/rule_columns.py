@@ -124,16 +124,16 @@ def mode_key(rule: str) -> str:
 def row_of(pairs: Sequence[tuple[ContactPair, Resultant]], pressing: Container[UnilateralConstraint]) -> tuple[float, ...]:
     """Columns of a rule with these closed pairs, except its impulse."""
     if len(pairs) == 1:
-        ((pair, found),) = pairs
-        force, carries = found.force.tolist(), pair in pressing
-        centre = found.centre.tolist() if carries else _NOWHERE
-        return PRESSING if carries else CLOSED, 1.0, found.points, math.hypot(*force), *force, *centre
-    count = sum(found.points for _, found in pairs)
-    carrying = [found for pair, found in pairs if pair in pressing]
+        ((pair, resultant),) = pairs
+        force, carries = resultant.force.tolist(), pair in pressing
+        centre = resultant.centre.tolist() if carries else _NOWHERE
+        return PRESSING if carries else CLOSED, 1.0, resultant.points, math.hypot(*force), *force, *centre
+    count = sum(resultant.points for _, resultant in pairs)
+    carrying = [resultant for pair, resultant in pairs if pair in pressing]
     if not carrying:
         return CLOSED, len(pairs), count, 0.0, 0.0, 0.0, 0.0, *_NOWHERE
-    sizes = np.array([found.size for found in carrying])
+    sizes = np.array([resultant.size for resultant in carrying])
     total = float(sizes.sum())
-    force = np.sum([found.force for found in carrying], axis=0)
-    centre = (sizes @ np.array([found.centre for found in carrying]) / total).tolist()
+    force = np.sum([resultant.force for resultant in carrying], axis=0)
+    centre = (sizes @ np.array([resultant.centre for resultant in carrying]) / total).tolist()
     return PRESSING, len(pairs), count, total, *force.tolist(), *centre

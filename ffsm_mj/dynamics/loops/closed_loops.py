@@ -139,9 +139,9 @@ class MassWeightedRows:
 
     def plastic(self, qvel: FloatArray) -> PlasticClosing:
         """Plastic impulse that stops the velocities of all rows."""
-        taken = (self._left.T @ (self.rows @ qvel)) / self._sizes
-        impulses, loss = -self._left @ (taken / self._sizes), 0.5 * float(taken @ taken)
-        change: FloatArray = -np.linalg.solve(self._L.T, self._right.T @ taken)
+        stopped = (self._left.T @ (self.rows @ qvel)) / self._sizes
+        impulses, loss = -self._left @ (stopped / self._sizes), 0.5 * float(stopped @ stopped)
+        change: FloatArray = -np.linalg.solve(self._L.T, self._right.T @ stopped)
         return PlasticClosing(impulses, change, loss, self.rank, self.least_ratio)
 
     def change(self, speeds: FloatArray) -> FloatArray:
@@ -212,12 +212,12 @@ class ClosedLoops:
             resting: Sources of the rows of coordinates that dry friction keeps at rest.
         """
         self._model, self._data, self.sources, self._rank = model, data, tuple(sources), rank
-        own_bodies = range(model.nbody) if bodies is None else bodies
-        own_dofs = range(model.nv) if dofs is None else dofs
+        body_ids = range(model.nbody) if bodies is None else bodies
+        dof_ids = range(model.nv) if dofs is None else dofs
         self._bound, self._resting = (
-            [each.bind(model, data, own_bodies, own_dofs) for each in some] for some in (self.sources, resting)
+            [source.bind(model, data, body_ids, dof_ids) for source in some] for some in (self.sources, resting)
         )
-        ends = np.cumsum([0, *(each.count for each in self._bound)]).tolist()
+        ends = np.cumsum([0, *(bound.count for bound in self._bound)]).tolist()
         self.parts = [slice(start, end) for start, end in pairwise(ends)]
         self._stage = LoopStage(model, data, [*self._bound, *self._resting], data if seen is None else seen, rank)
         self._combinations: tuple[FloatArray, FloatArray] | None = None
@@ -236,7 +236,7 @@ class ClosedLoops:
 
     def errors(self) -> FloatArray:
         """Errors in position of all rows, m or rad, (n,)."""
-        return np.concatenate([each.errors() for each in self._bound])
+        return np.concatenate([bound.errors() for bound in self._bound])
 
     def weighted(self) -> MassWeightedRows:
         """These rows in mass-weighted coordinates, with their rank at this state."""
@@ -291,12 +291,12 @@ class ClosedLoops:
     def _of_stages(self) -> MassWeightedRows:
         """All rows in mass-weighted coordinates, with those of coordinates at rest."""
         J = np.concatenate((self.rows().J, np.zeros((len(self._resting), self._model.nv))))
-        for i, each in enumerate(self._resting, self.count):
-            each.evaluate(J[i : i + 1], np.empty(1))
+        for i, bound in enumerate(self._resting, self.count):
+            bound.evaluate(J[i : i + 1], np.empty(1))
         return MassWeightedRows(mass_matrix(self._model, self._data), J, self._rank)
 
     def _combine(self, combinations: tuple[FloatArray, FloatArray]) -> None:
-        T, others = (np.ascontiguousarray(each) for each in combinations)
+        T, others = (np.ascontiguousarray(combination) for combination in combinations)
         self._combinations = T, others
         self._stage.combine(T, others)
 
@@ -369,8 +369,8 @@ class ClosedLoops:
 
     def independent(self) -> tuple[FloatArray, FloatArray]:
         """Independent combinations of the rows, (r, nv), and their errors in position, (r,): those that motions change."""
-        here = self.evaluated()
-        return here.R, here.errors()
+        stage = self.evaluated()
+        return stage.R, stage.errors()
 
     def drift(self) -> tuple[float, float]:
         """Largest error in position, and largest velocity, of these combinations."""
@@ -378,16 +378,16 @@ class ClosedLoops:
 
     def response(self, J: FloatArray) -> FloatArray:
         """J Mc^-1, (m, nv): accelerations by forces along other rows, with these held."""
-        response, here = np.empty_like(J), self.evaluated()
+        response, stage = np.empty_like(J), self.evaluated()
         if len(J):
             mujoco.mj_solveM(self._model, self._data, response, J)
-            response -= _solved(here.factor, here.R.dot(response.T)).T.dot(here.response)
+            response -= _solved(stage.factor, stage.R.dot(response.T)).T.dot(stage.response)
         return response
 
     def acceleration(self) -> FloatArray:
         """Generalised acceleration -M^-1 B^T (B M^-1 B^T)^+ gamma that keeps the rates of the rows at zero, (nv,)."""
-        here = self.evaluated()
-        return np.asarray(-_solved(here.factor, here.gamma).dot(here.response))
+        stage = self.evaluated()
+        return np.asarray(-_solved(stage.factor, stage.gamma).dot(stage.response))
 
     def projected(self, J: FloatArray) -> FloatArray:
         """Other rows less what these hold, (m, nv); see :meth:`MassWeightedRows.projected`."""

@@ -254,7 +254,7 @@ class TendonRow:
         row has a kink, and the second rate jumps.
         """
         self._scratch = self._scratch or mujoco.MjData(self._model)
-        model, scratch, found = self._model, self._scratch, []
+        model, scratch, bends = self._model, self._scratch, []
         for step in _DIFFERENCE_S:
             ends = []
             for time_s in (step, -step):
@@ -262,6 +262,6 @@ class TendonRow:
                 mujoco.mj_integratePos(model, scratch.qpos, self.data.qvel, time_s)
                 mujoco.mj_fwdPosition(model, scratch)
                 ends.append(float(tendon_rows(model, scratch)[self._id] @ self.data.qvel))
-            found.append((ends[0] - ends[1]) / (2.0 * step))
-        first, second = ((4.0 * finer - coarse) / 3.0 for coarse, finer in pairwise(found))
+            bends.append((ends[0] - ends[1]) / (2.0 * step))
+        first, second = ((4.0 * finer - coarse) / 3.0 for coarse, finer in pairwise(bends))
         return (16.0 * second - first) / 15.0

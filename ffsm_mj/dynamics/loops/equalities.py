@@ -51,7 +51,7 @@ class ConstrainedModel:
 
     def __init__(self, model: Any) -> None:
         """Take the constraints of a model, which may have none."""
-        self._model, self._sources = model, [each.source for each in equalities_of(model)]
+        self._model, self._sources = model, [equality.source for equality in equalities_of(model)]
         self._rows: LoopStage | None = None
         self._data: Any = None
 
@@ -68,7 +68,7 @@ class ConstrainedModel:
             return
         if self._rows is None or data is not self._data:
             ids = range(self._model.nbody), range(self._model.nv)
-            bound = [each.bind(self._model, data, *ids) for each in self._sources]
+            bound = [source.bind(self._model, data, *ids) for source in self._sources]
             self._rows, self._data = LoopStage(self._model, data, bound, data, MECHANISM_RANK), data
         self._rows.evaluate()
         J = self._rows.J
@@ -89,11 +89,11 @@ class ConstrainedModel:
     def _constraints(self, data: Any) -> tuple[FloatArray, FloatArray]:
         """Rows J and errors in position at the state in ``data``, (n, nv) and (n,)."""
         ids = range(self._model.nbody), range(self._model.nv)
-        bound = [each.bind(self._model, data, *ids) for each in self._sources]
-        J = [np.empty((0, self._model.nv)), *(np.empty((each.count, self._model.nv)) for each in bound)]
-        for each, rows in zip(bound, J[1:], strict=True):
-            each.evaluate(rows, np.empty(each.count))
-        return np.concatenate(J), np.concatenate([np.empty(0), *(each.errors() for each in bound)])
+        bound = [source.bind(self._model, data, *ids) for source in self._sources]
+        J = [np.empty((0, self._model.nv)), *(np.empty((constraint.count, self._model.nv)) for constraint in bound)]
+        for constraint, rows in zip(bound, J[1:], strict=True):
+            constraint.evaluate(rows, np.empty(constraint.count))
+        return np.concatenate(J), np.concatenate([np.empty(0), *(constraint.errors() for constraint in bound)])
 
     def follow(self, data: Any, dofs: Sequence[int] | IntArray) -> FloatArray:
         """Rates of all coordinates per rate of some joints, which all others follow, (nv, n).
@@ -107,14 +107,14 @@ class ConstrainedModel:
         N[others] = -np.linalg.lstsq(J[:, others], J[:, dofs], rcond=MECHANISM_RANK)[0] if len(J) else 0.0
         return N
 
-    def close(self, data: Any, held: Sequence[int] | IntArray) -> bool:
+    def close(self, data: Any, fixed: Sequence[int] | IntArray) -> bool:
         """Let all other coordinates follow those of some joints; returns whether they can.
 
         Args:
             data: State of the model near one that is closed; positions are changed and current.
-            held: Degrees of freedom that stay as they are.
+            fixed: Degrees of freedom that stay as they are.
         """
-        model, others, left = self._model, np.delete(np.arange(self._model.nv), held), 0.0
+        model, others, left = self._model, np.delete(np.arange(self._model.nv), fixed), 0.0
         for _ in range(_STEPS if self._sources else 0):
             mujoco.mj_fwdPosition(model, data)
             (J, errors), change = self._constraints(data), np.zeros(model.nv)
@@ -131,11 +131,11 @@ def _source(model: Any, e: int) -> RowSource:
     kind, data = mujoco.mjtEq(model.eq_type[e]), np.array(model.eq_data[e])
     one, other = int(model.eq_obj1id[e]), int(model.eq_obj2id[e])
     if kind == mujoco.mjtEq.mjEQ_JOINT:
-        zeros = [0.0 if each < 0 else float(model.qpos0[model.jnt_qposadr[each]]) for each in (one, other)]
+        zeros = [0.0 if k < 0 else float(model.qpos0[model.jnt_qposadr[k]]) for k in (one, other)]
         leader = None if other < 0 else int(model.jnt_dofadr[other])
         return JointCoupling(int(model.jnt_dofadr[one]), leader, _polynomial(zeros, data))
     if kind == mujoco.mjtEq.mjEQ_TENDON:
-        zeros = [0.0 if each < 0 else float(model.tendon_length0[each]) for each in (one, other)]
+        zeros = [0.0 if k < 0 else float(model.tendon_length0[k]) for k in (one, other)]
         leads = None if other < 0 else str(model.tendon(other).name)
         return TendonCoupling(str(model.tendon(one).name), leads, _polynomial(zeros, data))
     return _latch(model, e, rigid=kind == mujoco.mjtEq.mjEQ_WELD)

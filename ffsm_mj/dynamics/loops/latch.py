@@ -138,9 +138,9 @@ class BoundLatch:
         self._turn: FloatArray = (
             latch.axes_in_first[:, axes] @ latch.axes_in_second[:, axes].T / (1.0 if about_axis else 2.0)
         )
-        self._own: FloatArray = np.empty((6, model.nv))
+        self._of_second: FloatArray = np.empty((6, model.nv))
         self._other: FloatArray = np.empty((6, model.nv))
-        self._outputs = [(rows[:3], rows[3:]) for rows in (self._own, self._other)]
+        self._outputs = [(rows[:3], rows[3:]) for rows in (self._of_second, self._other)]
 
     def evaluate(self, J: FloatArray, gamma: FloatArray) -> None:
         """Write rows and rates; see :class:`~ffsm_mj.dynamics.loops.closed_loops.BoundRows`."""
@@ -158,8 +158,8 @@ class BoundLatch:
         """Jacobian of b less that of a at a point, or its rate, (6, nv), and the angular part of a; until the next call."""
         for output, body in zip(self._outputs, (self.second, self.first), strict=True):
             jacobian(self._model, self._data, *output, point, body)
-        self._own -= self._other
-        return self._own, self._other[3:]
+        self._of_second -= self._other
+        return self._of_second, self._other[3:]
 
     def _rows(self) -> FloatArray:
         """Components of a twist (linear, angular) that the latch stops, world axes, (n, 6)."""

@@ -76,7 +76,7 @@ class Evaluation:
         jump = impact.after.qvel - impact.before.qvel
         response = np.linalg.solve(M, J[0])
         inverse_mass = float(J[0] @ response)
-        own = float(J[0, tree.dofs] @ response[tree.dofs])
+        of_robot = float(J[0, tree.dofs] @ response[tree.dofs])
         base = self._twist(tree.root, jump)
         struck = self._twist(target.other_body, jump)
         centre = data.subtree_com[self._object] if self._object is not None else data.xpos[target.other_body]
@@ -86,8 +86,8 @@ class Evaluation:
         values = (
             float(impact.impulses[0]),
             float(np.linalg.norm(impact.friction.impulses[0])) if impact.friction is not None else 0.0,
-            1.0 / own,
-            1.0 / (inverse_mass - own) if self._object is not None else math.inf,
+            1.0 / of_robot,
+            1.0 / (inverse_mass - of_robot) if self._object is not None else math.inf,
             1.0 / inverse_mass,
             float(np.linalg.norm(base[3:])),
             float(np.linalg.norm(base[:3])),
@@ -188,25 +188,32 @@ _REST = {
 
 def table_of(target: Target, configurations: Sequence[Configuration]) -> Table:
     """Table with one row per configuration; joints of one coordinate have columns."""
-    columns: dict[str, Any] = {"origin": [each.origin for each in configurations]}
+    columns: dict[str, Any] = {"origin": [configuration.origin for configuration in configurations]}
     units, meanings = {"origin": ""}, {"origin": _REST["origin"]}
 
     def add(name: str, unit: str, meaning: str, values: list[Any]) -> None:
         columns[name], units[name], meanings[name] = values, unit, meaning
 
-    add("status", "", _REST["status"], [each.status for each in configurations])
+    add("status", "", _REST["status"], [configuration.status for configuration in configurations])
     for name, (unit, meaning) in EFFECTS.items():
-        add(name, unit, meaning, [each.effects[name] for each in configurations])
+        add(name, unit, meaning, [configuration.effects[name] for configuration in configurations])
     for joint in target.system.robot.joints:
         if joint.kind not in _UNITS:
             continue
         unit, rate, suffix = _UNITS[joint.kind]
         name, at, dof = identifier(joint.name), joint.qpos.start, joint.dofs.start
-        add(f"q_{name}_{unit}", unit, f"coordinate of {joint.name}", [float(each.qpos[at]) for each in configurations])
-        rates = [np.nan if each.qvel is None else float(each.qvel[dof]) for each in configurations]
+        add(
+            f"q_{name}_{unit}",
+            unit,
+            f"coordinate of {joint.name}",
+            [float(configuration.qpos[at]) for configuration in configurations],
+        )
+        rates = [
+            np.nan if configuration.qvel is None else float(configuration.qvel[dof]) for configuration in configurations
+        ]
         add(f"rate_{name}_{suffix}", rate, f"rate of {joint.name} before the impact", rates)
-        jumps = [float(each.jump[dof]) for each in configurations]
+        jumps = [float(configuration.jump[dof]) for configuration in configurations]
         add(f"change_{name}_{suffix}", rate, f"change of the rate of {joint.name}", jumps)
-    add("overlap_m", "m", "greatest depth of an overlap", [each.overlap_m for each in configurations])
-    add("overlapping", "", _REST["overlapping"], [each.overlapping for each in configurations])
+    add("overlap_m", "m", "greatest depth of an overlap", [configuration.overlap_m for configuration in configurations])
+    add("overlapping", "", _REST["overlapping"], [configuration.overlapping for configuration in configurations])
     return Table("impact_map", {name: np.array(values) for name, values in columns.items()}, units, meanings)

@@ -41,10 +41,11 @@ class Overlaps:
         """Depth of each overlap at a configuration in m, the deepest first."""
         self._place(qpos)
         self._watch.look(0.0)
-        found = {
-            tuple(self._model.geom(name).id for name in each.geoms): each.max_depth_m for each in self._watch.finish(0.0)
+        depths = {
+            tuple(self._model.geom(name).id for name in overlap.geoms): overlap.max_depth_m
+            for overlap in self._watch.finish(0.0)
         }
-        return {(a, b): found[a, b] for a, b in sorted(found, key=lambda pair: -found[pair])}
+        return {(a, b): depths[a, b] for a, b in sorted(depths, key=lambda pair: -depths[pair])}
 
     def names(self, geoms: Geoms) -> str:
         """Two geoms as text."""
@@ -152,7 +153,7 @@ class Optimizer:
         conditions = [{"type": "eq", "fun": lambda step: independent @ motion.residual(at(step))[0]}]
         if apart:
             conditions.append({"type": "ineq", "fun": lambda step: self._overlaps.distances(at(step), apart) - _CLEARANCE_M})
-        found = minimize(
+        optimum = minimize(
             lambda step: self._cost(at(step)) / scale,
             np.zeros(len(motion.dofs)),
             method="SLSQP",
@@ -160,9 +161,9 @@ class Optimizer:
             constraints=conditions,
             options={"maxiter": _ITERATIONS, "ftol": 1e-11},
         )
-        if not np.isfinite(found.x).all():
+        if not np.isfinite(optimum.x).all():
             return None
-        there, residual = motion.projected(at(found.x))
+        there, residual = motion.projected(at(optimum.x))
         overlaps = len(apart) > 0 and float(self._overlaps.distances(there, apart).min()) < 0.0
         return there if residual <= REACHED and not overlaps else None
 
@@ -211,11 +212,11 @@ class ImpactMap:
         Raises:
             InputError: There is none.
         """
-        found = [each for each in self.configurations if self.allows(each)]
-        if not found:
-            why = ", ".join(sorted({each.status for each in self.configurations}))
+        allowed = [one for one in self.configurations if self.allows(one)]
+        if not allowed:
+            why = ", ".join(sorted({one.status for one in self.configurations}))
             raise InputError(f"no run can begin at any of the {len(self.configurations)} configurations: {why}")
-        return min(found, key=lambda each: self.objective.cost(each.effects))
+        return min(allowed, key=lambda one: self.objective.cost(one.effects))
 
     @property
     def of_run(self) -> Configuration | None:
@@ -292,14 +293,16 @@ def impact_map(
     there = moved(target, point, normal)
     with one_blas_thread():
         mapped = _Mapping(there, SelfMotion(there, hold, bounds or {}), wanted, allow_overlaps)
-        found = [mapped.configuration(there.qpos, "run", there.qvel)] if there is target else []
+        configurations = [mapped.configuration(there.qpos, "run", there.qvel)] if there is target else []
         reached = mapped.samples(samples, seed, report, samples + starts)
-        found += reached
-        for i, each in enumerate(mapped.most_promising(found, starts)):
-            found.append(mapped.configuration(mapped.optimizer.optimum(each.qpos, overlaps=allow_overlaps), "optimum"))
+        configurations += reached
+        for i, start in enumerate(mapped.most_promising(configurations, starts)):
+            configurations.append(
+                mapped.configuration(mapped.optimizer.optimum(start.qpos, overlaps=allow_overlaps), "optimum")
+            )
             if report is not None:
                 report(samples + i + 1, samples + starts)
-    return ImpactMap(there, wanted, tuple(found), samples, len(reached), allow_overlaps, keys)
+    return ImpactMap(there, wanted, tuple(configurations), samples, len(reached), allow_overlaps, keys)
 
 
 class _Mapping:
@@ -327,29 +330,29 @@ class _Mapping:
         Raises:
             InputError: None does, or the geoms do not touch there.
         """
-        found: list[Configuration] = []
+        configurations: list[Configuration] = []
         least = np.inf
         for i, (qpos, residual) in enumerate(sampled(self._motion, count, seed)):
             least = min(least, residual)
             if residual <= REACHED:
-                if not found:
+                if not configurations:
                     self._refuse_untouched(qpos)
-                found.append(self.configuration(qpos, "sample"))
+                configurations.append(self.configuration(qpos, "sample"))
             if report is not None:
                 report(i + 1, total)
-        if not found:
+        if not configurations:
             place = ", ".join(f"{x:.6g}" for x in self._target.contact.point)
             kept = {"com": " with the robot's centre of mass where it is", "base": " with the base where it is"}
             raise InputError(
                 f"no configuration reaches the contact at ({place}) m{kept.get(self._motion.hold, '')}: "
                 f"the nearest of {count} misses it by {least:.3g} m"
             )
-        return found
+        return configurations
 
-    def most_promising(self, found: Sequence[Configuration], count: int) -> list[Configuration]:
+    def most_promising(self, candidates: Sequence[Configuration], count: int) -> list[Configuration]:
         """Configurations with the best effects, from which optimisations start."""
-        fair = [each for each in found if self._allow or each.overlap_m == 0.0]
-        return heapq.nsmallest(count, fair or found, key=lambda each: self._objective.cost(each.effects))
+        fair = [candidate for candidate in candidates if self._allow or candidate.overlap_m == 0.0]
+        return heapq.nsmallest(count, fair or candidates, key=lambda candidate: self._objective.cost(candidate.effects))
 
     def _refuse_untouched(self, qpos: FloatArray) -> None:
         """Refuse a target at which the geoms do not touch: a point off the surface, or another normal.

@@ -52,7 +52,7 @@ def lines(mapped: ImpactMap, hold: str) -> Iterator[str]:
         f"contact of {target.pair} at ({place}) m, normal ({normal}): approach {target.approach_speed:.4g} m/s, "
         f"e = {target.contact.restitution:g}, mu = {target.contact.mu:g}"
     )
-    counts = {status: sum(each.status == status for each in mapped.configurations) for status in ("overlap", "no rates")}
+    counts = {status: sum(one.status == status for one in mapped.configurations) for status in ("overlap", "no rates")}
     said = "".join(f"; {counts[name]} {words}" for name, words in _COUNTED.items() if counts[name])
     yield f"{mapped.reached} of {mapped.drawn} drawn configurations reach it {_KEPT[hold]}{said}"
     head = ("configuration", *(head for head, _ in _SHOWN.values()), "status")
@@ -67,12 +67,12 @@ def _rows(mapped: ImpactMap) -> Iterator[tuple[str, ...]]:
         yield _row("as in the run", mapped.of_run)
     most = "largest" if mapped.objective.maximize else "least"
     yield _row(f"best ({most} {_SHOWN.get(mapped.objective.effect, ('', mapped.objective.effect))[1]})", mapped.best)
-    allowed = [each for each in mapped.configurations if mapped.allows(each)]
+    allowed = [one for one in mapped.configurations if mapped.allows(one)]
     for effect in ("impulse_N_s", "base_rate_change_rad_s", "object_spin_rad_s"):
         for word, choose in (("least", min), ("largest", max)):
-            found = choose(allowed, key=lambda each: each.effects[effect])
-            if found is not mapped.best and found is not mapped.of_run:
-                yield _row(f"{word} {_SHOWN[effect][1]}", found)
+            extreme = choose(allowed, key=lambda one: one.effects[effect])
+            if extreme is not mapped.best and extreme is not mapped.of_run:
+                yield _row(f"{word} {_SHOWN[effect][1]}", extreme)
 
 
 def _row(name: str, configuration: Configuration) -> tuple[str, ...]:
@@ -141,7 +141,7 @@ def _label(mapped: ImpactMap, name: str) -> str:
 def _outlines(axes: Axes, mapped: ImpactMap) -> None:
     """The scene in the run, pale, and the robot of the best configuration, dark."""
     target = mapped.target
-    plane = min(_PLANES, key=lambda each: abs(float(target.outward @ each.towards)))
+    plane = min(_PLANES, key=lambda candidate: abs(float(target.outward @ candidate.towards)))
     silhouette = Silhouette(target.system)
     robot, other = hexadecimal(palette.ROBOT), hexadecimal(palette.object_colour(0))
     if mapped.of_run is not None:
@@ -161,10 +161,10 @@ def _polygons(
     silhouette: Silhouette, configuration: Configuration, plane: Plane, colours: dict[str, str], strength: float
 ) -> PolyCollection:
     qpos: FloatArray = configuration.qpos
-    shown = [each for each in silhouette.outlines(qpos, plane) if each.tree in colours]
-    faces = [(colours[each.tree], strength) for each in shown]
+    shown = [outline for outline in silhouette.outlines(qpos, plane) if outline.tree in colours]
+    faces = [(colours[outline.tree], strength) for outline in shown]
     return PolyCollection(
-        [each.points for each in shown], facecolors=faces, edgecolors=[colours[e.tree] for e in shown], linewidths=0.6
+        [outline.points for outline in shown], facecolors=faces, edgecolors=[colours[e.tree] for e in shown], linewidths=0.6
     )
 
 
@@ -229,9 +229,9 @@ def difference(mapped: ImpactMap, path: Path, overrides: Sequence[str] | Mapping
     with Simulator(path, overrides, record=False) as simulator:
         simulator.reset()
         events = simulator.step(until="event").events
-        found = [each for each in events if isinstance(each, ImpactRecord)]
-        if [each.pair for each in found] != [mapped.target.pair.name]:
+        impacts = [event for event in events if isinstance(event, ImpactRecord)]
+        if [one.pair for one in impacts] != [mapped.target.pair.name]:
             raise InputError(f"{path}: the run does not begin with an impact of {mapped.target.pair.name} alone")
         joints = simulator.system.joints
-        jump = [np.subtract(found[0].qvel_after[name], found[0].qvel_before[name]) for name in joints]
+        jump = [np.subtract(impacts[0].qvel_after[name], impacts[0].qvel_before[name]) for name in joints]
     return float(np.abs(np.concatenate(jump) - mapped.best.jump).max())

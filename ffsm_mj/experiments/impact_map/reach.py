@@ -146,15 +146,15 @@ def target_of(
             step = simulator.step(until="event")
             if report is not None:
                 report(simulator.time_s, duration_s)
-            if any(isinstance(each, GraspRecord) for each in step.events):
+            if any(isinstance(event, GraspRecord) for event in step.events):
                 raise InputError(
                     f"{simulator.assembly.scenario.name}: a grasp closes before impact {impact}; no map is made"
                 )
-            found = [each for each in step.events if isinstance(each, ImpactRecord) and each.event == impact - 1]
-            if found:
+            event_impacts = [event for event in step.events if isinstance(event, ImpactRecord) and event.event == impact - 1]
+            if event_impacts:
                 initial = simulator.assembly.scenario.initial
                 keys = {simulator.system.joint(key).name: key for key in (*initial.joints, *initial.rates)}
-                return _from_records(simulator.assembly, found), keys
+                return _from_records(simulator.assembly, event_impacts), keys
         name, end_s, how = simulator.assembly.scenario.name, simulator.time_s, simulator.ended.outcome.value
     raise InputError(f"{name}: the run has no impact {impact}; it ends at {end_s:.6g} s ({how})")
 
@@ -168,25 +168,27 @@ def _from_records(assembly: Assembly, records: Sequence[ImpactRecord]) -> Target
     record, system = records[0], assembly.system
     where = f"{assembly.scenario.name}: impact {record.event + 1} at {record.time_s:.6g} s"
     if len(records) > 1:
-        names = ", ".join(each.pair for each in records)
+        names = ", ".join(hit.pair for hit in records)
         raise InputError(f"{where} has {len(records)} contacts at one instant ({names}); a map is of one contact point")
-    pair = next((each for each in assembly.pairs if each.name == record.pair), None)
+    pair = next((candidate for candidate in assembly.pairs if candidate.name == record.pair), None)
     if pair is None:
         raise InputError(f"{where} is at a joint limit; a map is of a contact of the robot with an object")
     on_robot = [body in system.robot.bodies for body in (pair.body_a, pair.body_b)]
     if sum(on_robot) != 1:
         raise InputError(f"{where} is of {pair}; a map is of a contact of the robot with an object")
     # The arrays of the simulator end with it.
-    own = system.copy()
-    qvel = np.concatenate([record.qvel_before[joint] for joint in own.joints])
+    model_copy = system.copy()
+    qvel = np.concatenate([record.qvel_before[joint] for joint in model_copy.joints])
     e, outward = record.restitution_used, np.array(record.normal) * (1.0 if on_robot[0] else -1.0)
     # The root finder leaves a gap of rounding, which configurations must not inherit: half of it is each side's.
     point = np.array(record.point_m) + 0.5 * record.gap_m * outward
     contact = Contact(pair.body_a, pair.body_b, point, np.array(record.normal), e, record.mu)
     ignored, law = assembly.contacts.ignored, assembly.scenario.impact.law
-    here = Target(own, pair, contact, np.array(record.qpos), qvel, np.zeros(3), np.zeros(3), law, ignored, record.time_s)
-    a, b = (_point_velocity(here, body, point) for body in (pair.body_a, pair.body_b))
-    return replace(here, velocity=b - a, tip_velocity=a if on_robot[0] else b)
+    target = Target(
+        model_copy, pair, contact, np.array(record.qpos), qvel, np.zeros(3), np.zeros(3), law, ignored, record.time_s
+    )
+    a, b = (_point_velocity(target, body, point) for body in (pair.body_a, pair.body_b))
+    return replace(target, velocity=b - a, tip_velocity=a if on_robot[0] else b)
 
 
 def moved(target: Target, point: Vector | None, normal: Vector | None) -> Target:
@@ -295,7 +297,7 @@ class SelfMotion:
         Raises:
             InputError: No such joint, or no such range.
         """
-        for name, given in bounds.items():
+        for name, bound in bounds.items():
             try:
                 joint = self.target.system.joint(name)
             except LookupError as error:
@@ -303,11 +305,11 @@ class SelfMotion:
             if joint.dofs.start not in self.bounds:
                 raise InputError(f"bounds: {joint.name} is no moving hinge or slide of the robot")
             low, high = self.bounds[joint.dofs.start]
-            if len(given) != 2 or not low <= given[0] < given[1] <= high:
+            if len(bound) != 2 or not low <= bound[0] < bound[1] <= high:
                 raise InputError(
-                    f"bounds: {joint.name}: {list(given)}, allowed are two rising numbers from {low:g} to {high:g}"
+                    f"bounds: {joint.name}: {list(bound)}, allowed are two rising numbers from {low:g} to {high:g}"
                 )
-            self.bounds[joint.dofs.start] = (float(given[0]), float(given[1]))
+            self.bounds[joint.dofs.start] = (float(bound[0]), float(bound[1]))
 
     def residual(self, qpos: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Residual of the conditions at a configuration and its Jacobian by the moving dofs, (m,) and (m, n)."""
@@ -362,15 +364,15 @@ class SelfMotion:
         step = np.zeros(len(self.dofs))
         for joint in tree.joints:
             for k, dof in enumerate(range(joint.dofs.start, joint.dofs.stop)):
-                here = np.flatnonzero(self.dofs == dof)
+                coordinates = np.flatnonzero(self.dofs == dof)
                 turns = joint.kind in ("hinge", "ball") or (joint.kind == "free" and k >= 3)
                 bounded = np.isfinite(self.bounds.get(dof, (-math.inf, math.inf))).all()
-                if not len(here) or not (turns or bounded):
+                if not len(coordinates) or not (turns or bounded):
                     continue
                 if bounded:
                     qpos[joint.qpos] = random.uniform(*self.bounds[dof])
                 else:
-                    step[here] = random.uniform(-math.pi, math.pi)
+                    step[coordinates] = random.uniform(-math.pi, math.pi)
         return self.displaced(qpos, step)
 
     def _bounded(self, qpos: FloatArray) -> FloatArray:
@@ -387,8 +389,8 @@ class SelfMotion:
 
 def _range(model: Any, joint: Joint) -> tuple[float, float]:
     """Range of a hinge or slide."""
-    found = model.joint(joint.name)
-    low, high = map(float, found.range) if found.limited[0] else (-math.inf, math.inf)
+    mj_joint = model.joint(joint.name)
+    low, high = map(float, mj_joint.range) if mj_joint.limited[0] else (-math.inf, math.inf)
     return low, high
 
 
@@ -437,10 +439,10 @@ class ArrivalRates:
         wanted = np.concatenate((target.tip_velocity, self._momentum)) - A[:, others] @ qvel[others]
         L = np.linalg.cholesky(M[np.ix_(moving, moving)])
         # In w = L^T v + L^-1 M_mo v_o the kinetic energy is |w|^2 / 2 and a constant: the shortest w has the least.
-        given = np.linalg.solve(L, M[np.ix_(moving, others)] @ qvel[others])
+        driven = np.linalg.solve(L, M[np.ix_(moving, others)] @ qvel[others])
         B = np.linalg.solve(L, A[:, moving].T).T
-        w = np.linalg.lstsq(B, wanted + B @ given, rcond=_RANK)[0]
-        qvel[moving] = np.linalg.solve(L.T, w - given)
+        w = np.linalg.lstsq(B, wanted + B @ driven, rcond=_RANK)[0]
+        qvel[moving] = np.linalg.solve(L.T, w - driven)
         miss = np.abs(A[:, moving] @ qvel[moving] - wanted).max()
         return qvel if miss <= _SATISFIED * (1.0 + float(np.abs(wanted).max())) else None
 

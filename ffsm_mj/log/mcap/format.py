@@ -311,12 +311,12 @@ def _report(text: str) -> ControllerReport:
         ValueError: The text is not such a report.
     """
     try:
-        found = json.loads(text)
+        content = json.loads(text)
     except RecursionError as error:
         raise ValueError("a report is nested too deeply") from error
-    if not isinstance(found, dict) or not all(map(_is_reportable, found.values())):
+    if not isinstance(content, dict) or not all(map(_is_reportable, content.values())):
         raise ValueError("a report has other values than finite numbers and texts")
-    return found
+    return content
 
 
 def _is_reportable(value: Any) -> bool:
@@ -327,6 +327,6 @@ def _check_lengths(kind: RecordKind, values: Mapping[str, Any]) -> None:
     """Check the lengths of vectors, which a schema does not contain."""
     for place, length in kind.lengths.items():
         name, _, key = place.partition(".")
-        found = values[name].get(key, ()) if key else values[name]
-        if len(found) != length:
-            raise ValueError(f"{place} of {kind.name} has {len(found)} values, not {length}")
+        value = values[name].get(key, ()) if key else values[name]
+        if len(value) != length:
+            raise ValueError(f"{place} of {kind.name} has {len(value)} values, not {length}")

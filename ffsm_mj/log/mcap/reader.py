@@ -36,7 +36,7 @@ _MOST_TOPICS, _LONGEST_TOPIC = 3, 60
 KEPT_BYTES = 1 << 26
 """Rows up to this size are kept in memory after the first access; of larger ones, the last few columns."""
 _KEPT_COLUMNS = 6
-_OWN = (form.SAMPLE_TOPIC, form.STATE_TOPIC)
+_INTERNAL = (form.SAMPLE_TOPIC, form.STATE_TOPIC)
 """Topics of every version that are no kinds of records."""
 
 
@@ -70,9 +70,9 @@ def stored_states(path: Path) -> list[bytes]:
         LogError: See :func:`read_log`.
     """
     with opened(path) as file:
-        found = _Contents(path, file)
-        channel = found.topics.get(form.STATE_TOPIC)
-        return list(found.messages(channel)) if channel is not None else []
+        contents = _Contents(path, file)
+        channel = contents.topics.get(form.STATE_TOPIC)
+        return list(contents.messages(channel)) if channel is not None else []
 
 
 class _Contents:
@@ -123,10 +123,10 @@ class _Contents:
 
     def messages(self, channel: Channel) -> Iterator[bytes]:
         """Messages of a channel, in order."""
-        found = self._batches.get(channel.id, [])
-        if sum(batch.count for batch in found) > limits.EVENTS:
+        of_channel = self._batches.get(channel.id, [])
+        if sum(batch.count for batch in of_channel) > limits.EVENTS:
             raise LogError(self._path, f"more than {limits.EVENTS} events on {channel.topic}, too many for a run")
-        for chunk, batches in groupby(found, key=lambda batch: batch.chunk):
+        for chunk, batches in groupby(of_channel, key=lambda batch: batch.chunk):
             content = self._file.content(chunk)
             yield from (message.tobytes() for batch in batches for message in batch.messages(content))
 
@@ -198,20 +198,20 @@ class _Contents:
         after = np.minimum.accumulate(np.append(times[:, 0], np.inf)[::-1])[::-1]
         places = np.searchsorted([batch.chunk[0] for batch in batches], self._file.holes)
         # Half a nanosecond: times of messages are rounded to whole ones.
-        found = zip((before[places] * 1e-9 - 5e-10).tolist(), (after[places] * 1e-9 + 5e-10).tolist(), strict=True)
-        lost = tuple(dict.fromkeys(found)) if self._file.holes else ()
+        spans = zip((before[places] * 1e-9 - 5e-10).tolist(), (after[places] * 1e-9 + 5e-10).tolist(), strict=True)
+        lost = tuple(dict.fromkeys(spans)) if self._file.holes else ()
         return lost if lost or self._file.data_match else ((-math.inf, -math.inf),)
 
 
 def _load_plugins(topics: Iterable[str]) -> None:
     """Register the kinds of records of installed packages, if the log has unknown topics of ffsm-mj."""
-    if any(topic.startswith("/ffsm/") for topic in set(topics) - {*_OWN, *(kind.topic for kind in kinds())}):
+    if any(topic.startswith("/ffsm/") for topic in set(topics) - {*_INTERNAL, *(kind.topic for kind in kinds())}):
         contact_models()
 
 
 def _note(topics: Iterable[str], known: Sequence[RecordKind]) -> str:
     """Text that lists the topics of ffsm-mj that are not read; empty if all are."""
-    read = {*_OWN, *(kind.topic for kind in known)}
+    read = {*_INTERNAL, *(kind.topic for kind in known)}
     skipped = [one_line(topic[:_LONGEST_TOPIC]) for topic in topics if topic.startswith("/ffsm/") and topic not in read]
     if not skipped:
         return ""
@@ -263,13 +263,13 @@ class StoredRows:
         """
         self._path, self._codec, self._width = path, form.SampleCodec(layout), len(layout.signals)
         self._file = path.absolute()  # the process may change its folder before rows are read
-        self._given, self._stamp = batches, _stamp(self._file)
+        self._batches_or_reader, self._stamp = batches, _stamp(self._file)
         self._column = lru_cache(_KEPT_COLUMNS)(self._read_column)
 
     @cached_property
     def batches(self) -> Sequence[Batch]:
         """Positions of the samples in the file."""
-        return self._given() if callable(self._given) else self._given
+        return self._batches_or_reader() if callable(self._batches_or_reader) else self._batches_or_reader
 
     @cached_property
     def _count(self) -> int:
@@ -338,25 +338,25 @@ class StoredRows:
         return np.array(self[:])
 
     def _read_column(self, column: int) -> FloatArray:
-        found = self._read(slice(None), [column])[:, 0]
-        found.flags.writeable = False
-        return found
+        numbers = self._read(slice(None), [column])[:, 0]
+        numbers.flags.writeable = False
+        return numbers
 
     def _read(self, rows: Any, columns: Sequence[int] | None) -> FloatArray:
         """Read some rows and columns in one pass."""
-        # One pass over the file serves any order of rows: they are sorted, found block by block, and stored in place.
+        # One pass over the file serves any order of rows: they are sorted, values block by block, and stored in place.
         wanted = np.arange(self._count)[rows]
         order = np.argsort(wanted, kind="stable")
         ascending = wanted[order]
-        found = np.empty((len(wanted), self._width if columns is None else len(columns)))
+        values = np.empty((len(wanted), self._width if columns is None else len(columns)))
         start = 0
         for block in self.blocks(columns):
             first, last = np.searchsorted(ascending, (start, start + len(block)))
-            found[order[first:last]] = block[ascending[first:last] - start]
+            values[order[first:last]] = block[ascending[first:last] - start]
             start += len(block)
             if last == len(ascending):
                 break
-        return found
+        return values
 
 
 def _stamp(path: Path) -> tuple[int, int, int] | None:

@@ -119,10 +119,10 @@ class LogFile:
         at = len(MAGIC)
         while at < self.size:
             end = self._end(at)
-            found = self._read(at, end) if end is not None else None
+            read = self._read(at, end) if end is not None else None
             if self._unpacked > max(limits.UNPACKED_BYTES, limits.UNPACKED_RATIO * self.size):
                 raise LogError(self._path, f"its chunks contain {self._unpacked} bytes or more, too many for its length")
-            if end is None or found is None:
+            if end is None or read is None:
                 # A valid record after this one shows that its length is right: skip it. Otherwise the length may be damaged
                 # too, and only the signature of a chunk gives the next position.
                 following = end if end is not None and self._end(end) is not None else self._next_chunk(at + 1)
@@ -132,7 +132,7 @@ class LogFile:
                 self.lost_bytes += following - at
                 at = following
                 continue
-            yield from found
+            yield from read
             if self._opcode(at) == Opcode.DATA_END:
                 yield from self._summary(at, end)
                 return

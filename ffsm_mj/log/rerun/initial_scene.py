@@ -140,8 +140,8 @@ def _contacts(log: Any, scene: InitialScene, scale: float) -> None:
         log(body, _pose(scene.data.xpos[shape.body], scene.data.xquat[shape.body]))
         tinted = DrawnShape(**{**vars(shape), "rgba": shares(look.colour, look.opacity)})
         log(f"{body}/{identifier(shape.name)}", archetype(tinted))
-    lines = sorted((_gap(model, scene.data, pair) for pair in scene.pairs), key=lambda each: each[0])
-    ranked = [each for each in lines if each[0] < _FAR_M]
+    lines = sorted((_gap(model, scene.data, pair) for pair in scene.pairs), key=lambda entry: entry[0])
+    ranked = [entry for entry in lines if entry[0] < _FAR_M]
     for i, (gap, ends, pair) in enumerate(ranked):
         friction = f", mu = {pair.mu:g}" if pair.mu else ""
         line = rr.LineStrips3D(

@@ -139,7 +139,7 @@ def _free(metadata: Mapping[str, str], subsystem: str) -> list[str]:
 
 
 def _momenta(index: Mapping[str, int], metadata: Mapping[str, str], subsystems: Sequence[str]) -> list[Plot]:
-    found = []
+    groups = []
     for subsystem in subsystems:
         for kind, letter in (("linear", "P"), ("angular", "L")):
             components = [c for c in _free(metadata, subsystem) if c.startswith(letter)]
@@ -147,8 +147,8 @@ def _momenta(index: Mapping[str, int], metadata: Mapping[str, str], subsystems: 
             columns = [index[f"momentum.{subsystem}_{c}"] for c in components]
             names = [f"{subsystem} {c[:3]}" for c in components]
             if components:
-                found.append(Plot(f"plots/{kind}_momentum/{subsystem}", columns, names, colours))
-    return found
+                groups.append(Plot(f"plots/{kind}_momentum/{subsystem}", columns, names, colours))
+    return groups
 
 
 def _residuals(index: Mapping[str, int], metadata: Mapping[str, str]) -> Plot:
@@ -160,14 +160,14 @@ def _residuals(index: Mapping[str, int], metadata: Mapping[str, str]) -> Plot:
 
 
 def _efforts(layout: Layout, system: System) -> list[Plot]:
-    found = []
+    groups = []
     external = external_actuators(system)
     for i, name in enumerate(system.names("actuator")):
         columns = [layout.index[effort_key(layout, name, what)] for what in ("lower", "upper", "applied")]
         entity = f"{BASE if external[i] else JOINTS}/{identifier(name)}"
         names, unit = ["lower bound", "upper bound", name.rsplit("/", 1)[-1]], layout.signals[columns[-1]].unit
-        found.append(Plot(entity, columns, names, [GREY, GREY, ORANGE], unit))
-    return found
+        groups.append(Plot(entity, columns, names, [GREY, GREY, ORANGE], unit))
+    return groups
 
 
 _SENSORS, _ESTIMATES = "plots/sensors", "plots/estimates"
@@ -325,16 +325,16 @@ class Switching:
 
     def changes(self, rows: FloatArray) -> list[tuple[str, FloatArray, list[str]]]:
         """(Name, times, states) of everything that changes its state in a block of rows."""
-        found: list[tuple[str, FloatArray, list[str]]] = []
+        changed: list[tuple[str, FloatArray, list[str]]] = []
         for name, column in self._columns.items():
             values: Any = rows[:, column]
             values = np.clip(np.where(values < 0.0, np.floor(values), np.ceil(values)), min(self._states), max(self._states))
             values = np.nan_to_num(values).astype(int)
             switched = np.flatnonzero(np.diff(values, prepend=self._last[name]))
             if len(switched):
-                found.append((name, rows[switched, self._time], [self._states[int(value)] for value in values[switched]]))
+                changed.append((name, rows[switched, self._time], [self._states[int(value)] for value in values[switched]]))
                 self._last[name] = int(values[-1])
-        return found
+        return changed
 
 
 class Lanes:

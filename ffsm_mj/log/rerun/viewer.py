@@ -197,19 +197,19 @@ class Relay:
 
     def cut(self) -> None:
         """Close every connection and stop listening."""
-        for each in self._sockets:
+        for sock in self._sockets:
             with suppress(OSError):
-                each.shutdown(socket.SHUT_RDWR)
-            each.close()
+                sock.shutdown(socket.SHUT_RDWR)
+            sock.close()
 
     def _serve(self) -> None:
         with suppress(OSError):
             while True:
-                here, _ = self._listener.accept()
-                self._sockets.append(here)
+                client, _ = self._listener.accept()
+                self._sockets.append(client)
                 there = socket.create_connection(self._to)
                 self._sockets.append(there)
-                for source, sink in ((here, there), (there, here)):
+                for source, sink in ((client, there), (there, client)):
                     threading.Thread(target=_pump, args=(source, sink), daemon=True).start()
 
 
@@ -217,6 +217,6 @@ def _pump(source: socket.socket, sink: socket.socket) -> None:
     with suppress(OSError):
         while data := source.recv(_CHUNK):
             sink.sendall(data)
-    for each in (source, sink):  # the end of one direction ends both
+    for end in (source, sink):  # the end of one direction ends both
         with suppress(OSError):
-            each.shutdown(socket.SHUT_RDWR)
+            end.shutdown(socket.SHUT_RDWR)

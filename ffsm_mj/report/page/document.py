@@ -68,7 +68,7 @@ def _inline(figure: Figure, name: str) -> str:
         figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     svg = buffer.getvalue()
     svg = _NOISE.sub("", svg[svg.index("<svg") :])
-    svg = _COLOUR.sub(lambda found: f"var(--{_THEMED[found[1].lower()]})", svg)
+    svg = _COLOUR.sub(lambda match: f"var(--{_THEMED[match[1].lower()]})", svg)
     return svg.replace("</svg>", "".join(_cursors(figure)) + "</svg>")
 
 
@@ -186,15 +186,15 @@ def _headline(run: Run) -> str:
 
 def _events(run: Run) -> list[str]:
     """A button per event that moves the slider to its time."""
-    found = run.log.events()
+    events = run.log.events()
     lines = []
-    for record in found[:_MOST_EVENTS]:
+    for record in events[:_MOST_EVENTS]:
         kind = kind_of(record)
         marked = ' class="marked"' if kind.marks is not None else ""
         time, text = kind.time(record), _escaped(kind.sentence(record))
         lines.append(f'<li{marked}><button type="button" data-time="{time!r}"><b>{time:.3f} s</b> {text}</button></li>')
-    if len(found) > _MOST_EVENTS:
-        lines.append(f"<li>and {len(found) - _MOST_EVENTS} more, see ffsm analyze</li>")
+    if len(events) > _MOST_EVENTS:
+        lines.append(f"<li>and {len(events) - _MOST_EVENTS} more, see ffsm analyze</li>")
     return lines
 
 
@@ -223,10 +223,10 @@ def _key(run: Run, drawn: PageScene) -> list[str]:
 
 def _meanings(run: Run) -> dict[int, str]:
     """What the arrows of each colour stand for."""
-    found: dict[int, dict[str, None]] = {}
+    by_column: dict[int, dict[str, None]] = {}
     for arrow in declared_arrows(run.log.header):
-        found.setdefault(packed(arrow_colour(arrow)), {})[arrow.meaning] = None
-    return {colour: ", ".join(meanings) for colour, meanings in found.items()}
+        by_column.setdefault(packed(arrow_colour(arrow)), {})[arrow.meaning] = None
+    return {colour: ", ".join(meanings) for colour, meanings in by_column.items()}
 
 
 def _verdict(run: Run, checks: tuple[Check, ...]) -> str:

@@ -26,7 +26,7 @@ def phase_graph(run: Run) -> str:
     if not edges:
         return ""
     times = Counter(phase.name for phase in run.phases)
-    taken = {(one.name, other.name) for one, other in pairwise(run.phases)}
+    transitions = {(one.name, other.name) for one, other in pairwise(run.phases)}
     arrows, labels, lane, right = [], [], 0, 0.0
     beside: Counter[int] = Counter()
     for start, trigger, to in edges:
@@ -36,7 +36,7 @@ def phase_graph(run: Run) -> str:
         else:
             path, x, y = _round(start, to, lane)
             lane += 1
-        arrows.append(_arrow(path, (names[start], names[to]) in taken))
+        arrows.append(_arrow(path, (names[start], names[to]) in transitions))
         labels.append(_label(x, y, trigger))
         right = max(right, x + _LETTER * len(_shown(trigger)))
     width, height = max(right, _LEFT + _BOX) + _LEFT, 2 * _TOP + len(names) * (_HEIGHT + _GAP) - _GAP

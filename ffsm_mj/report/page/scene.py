@@ -72,7 +72,7 @@ def poses(subject: Subject) -> Poses:
     """Poses at evenly spaced times, and at each event from its record."""
     run = subject.run
     rows = np.unique(np.clip(np.searchsorted(run.time, picked_times(run) - 1e-9), 0, len(run.time) - 1))
-    found = dict(zip(run.time[rows].tolist(), run.qpos[rows], strict=True))
+    by_time = dict(zip(run.time[rows].tolist(), run.qpos[rows], strict=True))
     # A log may hold any numbers: use a record only if its number of coordinates is that of the models.
     records = [record for record in run.log.events() if hasattr(record, "qpos")]
     at_events = {
@@ -80,12 +80,12 @@ def poses(subject: Subject) -> Poses:
         for record in records
         if len(record.qpos) == subject.system.mj.nq and np.isfinite(record.qpos).all()
     }
-    found |= at_events
-    times = np.array(sorted(found))
+    by_time |= at_events
+    times = np.array(sorted(by_time))
     bodies = subject.system.mj.nbody
     positions, quaternions = np.empty((len(times), bodies, 3)), np.empty((len(times), bodies, 4))
     for i, time in enumerate(times.tolist()):
-        data = subject.silhouette.place(found[time])
+        data = subject.silhouette.place(by_time[time])
         positions[i], quaternions[i] = data.xpos, data.xquat
     after = np.clip(np.searchsorted(run.time, times - 1e-9), 0, len(run.time) - 1)
     return Poses(times, np.asarray(run.log.rows[after]), positions, quaternions, len(at_events))
@@ -117,18 +117,18 @@ def plumes(layout: Layout, system: System, poses: Poses, scale: float) -> Iterat
 
 
 def _while(
-    on: npt.NDArray[np.bool_], made: Triangles, colour: int, times: FloatArray, starts: FloatArray, vectors: FloatArray
+    on: npt.NDArray[np.bool_], triangles: Triangles, colour: int, times: FloatArray, starts: FloatArray, vectors: FloatArray
 ) -> Iterator[Any]:
     """A solid along vectors, visible while the mask is set, (n,); nothing if it never is."""
     if on.any():
         matrices = map(along_z, starts[on], vectors[on])
         moving = dict(zip(map(tick, times[on].tolist()), matrices, strict=True))
-        yield solid(made, colour, moving, during(_spans(times, on)))
+        yield solid(triangles, colour, moving, during(_spans(times, on)))
 
 
-def solid(made: Triangles, colour: int, matrix: Any, shown: dict[str, bool]) -> Any:
+def solid(triangles: Triangles, colour: int, matrix: Any, shown: dict[str, bool]) -> Any:
     """A mesh of one colour with a constant or time-dependent pose and visibility."""
-    corners, faces = made
+    corners, faces = triangles
     mesh = k3d.mesh(single(corners), faces.astype(np.uint32), color=colour, flat_shading=False, visible=shown)
     mesh.model_matrix = matrix
     return mesh
@@ -152,10 +152,10 @@ def _spans(times: FloatArray, on: npt.NDArray[np.bool_]) -> list[tuple[float, fl
 
 def during(spans: Iterable[tuple[float, float]]) -> dict[str, bool]:
     """Visibility by time for some closed intervals."""
-    found = {0.0: False}
+    visible = {0.0: False}
     for start, end in spans:
-        found |= {max(start - SWITCH_S, 0.0): False, start: True, end: True, end + SWITCH_S: False}
-    return {tick(time): on for time, on in sorted(found.items())}
+        visible |= {max(start - SWITCH_S, 0.0): False, start: True, end: True, end + SWITCH_S: False}
+    return {tick(time): on for time, on in sorted(visible.items())}
 
 
 def tick(time: float) -> str:
@@ -210,7 +210,7 @@ def scene(subject: Subject, poses: Poses) -> PageScene:
     first_s = marks[0].time_s if marks else 0.0
     boxes = robot_boxes(subject.system, poses.positions)
     path = camera_path(poses.times, single(boxes).astype(np.float64), first_s, (low, high))
-    colours = frozenset(int(each.color) for each in others)
+    colours = frozenset(int(other.color) for other in others)
     return PageScene(plot.get_binary_snapshot(), middle, radius, path, max(0, len(marks) - MOST_MARKS), colours)
 
 
@@ -220,7 +220,7 @@ def _box(subject: Subject, poses: Poses, marks: list[DrawnMark]) -> tuple[FloatA
     model, still = subject.system.mj, {0, *subject.system.fixed_bodies}
     geoms = [geom for geom in geoms_to_draw(model) if int(model.geom_bodyid[geom]) not in still]
     points = [box_corners(model, geoms, poses.positions[i], poses.quaternions[i]) for i in moments]
-    points += [poses.positions[moments, 1:].reshape(-1, 3), *(np.array([each.mark.point_m]) for each in marks[:MOST_MARKS])]
+    points += [poses.positions[moments, 1:].reshape(-1, 3), *(np.array([mark.mark.point_m]) for mark in marks[:MOST_MARKS])]
     task = logged_task(subject.run.log.header.metadata)
     points += [task.point_m[None]] if task is not None else []
     everything = np.concatenate(points)

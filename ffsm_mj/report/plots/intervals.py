@@ -22,13 +22,13 @@ def _closed(run: Run, intervals: Iterable[tuple[str, float, float | None]]) -> d
     spans: dict[str, list[tuple[float, float]]] = {}
     for name, start_s, end_s in intervals:
         spans.setdefault(name, []).append((start_s, float(run.time[-1]) if end_s is None else end_s))
-    return {name: np.array(each) for name, each in spans.items()}
+    return {name: np.array(span) for name, span in spans.items()}
 
 
 def contacts(subject: Subject) -> Figure:
     """Contact force of each rule, the intervals in which it was closed, and its impulse; with friction its use and slip."""
     run = subject.run
-    closed = _closed(run, ((each.rule, each.start_s, each.end_s) for each in run.contacts))
+    closed = _closed(run, ((record.rule, record.start_s, record.end_s) for record in run.contacts))
     names = [name for name in closed if f"contact.{identifier(name)}_force_N" in run.keys]
     with_friction = [name for name in names if f"contact.{identifier(name)}_friction_use" in run.keys]
 
@@ -56,13 +56,13 @@ def grasps(subject: Subject) -> Figure:
     One set of loads: components and norms; several: the norms of each grasp.
     """
     run = subject.run
-    holds = _closed(run, ((each.grasp, each.time_s, each.release_s) for each in run.grasps))
+    holds = _closed(run, ((record.grasp, record.time_s, record.release_s) for record in run.grasps))
     sets = logged_load_columns(run.log.header.layout)
     if len(sets) == 1:
         loads = _loads(subject, sets[0])
         force, torque = _with_norm(loads[:3], "F"), _with_norm(loads[3:], "M")
     else:
-        both = [(each.grasp, _loads(subject, each)) for each in sets]
+        both = [(load_set.grasp, _loads(subject, load_set)) for load_set in sets]
         force = [Curve(f"$|F|$, {name}", np.linalg.norm(loads[:3], axis=0)) for name, loads in both]
         torque = [Curve(f"$|M|$, {name}", np.linalg.norm(loads[3:], axis=0)) for name, loads in both]
     panels = [

@@ -58,8 +58,8 @@ def plot(run: Run, *names: str) -> Figures:
         InputError: The run has no samples, or its models no longer compile.
         KeyError: The run has no figure of that name; the message lists those it has.
     """
-    made = Figures(figures(run, names))
+    plotted = Figures(figures(run, names))
     for name in names:
-        if name not in made:
+        if name not in plotted:
             raise KeyError(unknown_name("figure", name, figure_names(run)))
-    return made
+    return plotted

@@ -183,7 +183,7 @@ def spans(time: FloatArray, on: BoolArray) -> FloatArray:
 def mark_events(axes: Axes, run: Run, *, names: bool, wide: bool = True) -> None:
     """Shade the phases, optionally name them above the axes, and mark the times of events."""
     begin_s = float(run.time[0])  # of a run that goes on from another one, within a phase
-    phases = [each | {"start_s": max(begin_s, each["start_s"])} for each in run.summary()["phases"]]
+    phases = [entry | {"start_s": max(begin_s, entry["start_s"])} for entry in run.summary()["phases"]]
     for i, phase in enumerate(phases):
         axes.axvspan(phase["start_s"], phase["end_s"], color=_SHADES[i % 2], zorder=-2, linewidth=0)
     across = blended_transform_factory(axes.transData, axes.transAxes)
@@ -223,14 +223,14 @@ def _make_room_at_the_top(axes: Axes) -> None:
 def _name_phases(axes: Axes, phases: Sequence[dict[str, Any]], letter_s: float) -> None:
     """Centre names above their phases, on a second line if they would overlap; letter_s is the width of a letter."""
     across = blended_transform_factory(axes.transData, axes.transAxes)
-    taken = [float("-inf")] * 2
+    ends = [float("-inf")] * 2
     for phase in phases:
         text = plain(phase["name"]).replace("_", " ")
         half = 0.5 * len(text) * letter_s
         middle = max(0.5 * (phase["start_s"] + phase["end_s"]), phases[0]["start_s"] + half)
-        free = [level for level in (0, 1) if middle - half > taken[level]]
+        free = [level for level in (0, 1) if middle - half > ends[level]]
         if free:
-            taken[free[0]] = middle + half
+            ends[free[0]] = middle + half
             axes.annotate(
                 text,
                 (middle, 1.0),

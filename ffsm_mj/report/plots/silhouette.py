@@ -75,7 +75,7 @@ class Silhouette:
     def outlines(self, qpos: FloatArray, plane: Plane) -> list[ProjectedOutline]:
         """Polygons at a configuration, sorted from back to front."""
         data = self.place(qpos)
-        found = []
+        shapes = []
         for geom, tree in self._geoms:
             centre, rotation = data.geom_xpos[geom], data.geom_xmat[geom].reshape(3, 3)
             flat = self._outline(geom, rotation[plane.axes])
@@ -83,8 +83,8 @@ class Silhouette:
                 depth = float(centre @ plane.towards)
                 lightness = _lightness(colour_of(self._system, geom))
                 shape = ProjectedOutline(flat + centre[plane.axes], tree.name if tree else WORLD, lightness)
-                found.append((depth, shape))
-        return [shape for _, shape in sorted(found, key=lambda pair: pair[0])]
+                shapes.append((depth, shape))
+        return [shape for _, shape in sorted(shapes, key=lambda pair: pair[0])]
 
     def _outline(self, geom: int, view: FloatArray) -> FloatArray | None:
         """Convex outline of a geom about its centre, seen through two rows of its rotation, (2, 3); None for a plane."""

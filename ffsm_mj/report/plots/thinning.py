@@ -93,7 +93,7 @@ def _outstanding(part: FloatArray, times: FloatArray, beside: FloatArray, marks:
     values = np.column_stack((part, beside))
     known = np.isfinite(values)
     low, high = (np.where(known, values, bound) for bound in (np.inf, -np.inf))
-    here = marks[(marks > times[0]) & (marks <= times[-1])]
-    after = np.searchsorted(times, here - 1e-9)
+    inside = marks[(marks > times[0]) & (marks <= times[-1])]
+    after = np.searchsorted(times, inside - 1e-9)
     rows = (0, len(part) - 1, *low.argmin(axis=0), *high.argmax(axis=0), *after, *(after - 1))
     return np.unique(np.clip(rows, 0, len(part) - 1))

@@ -76,7 +76,7 @@ _MIXED = ("coordinate", "rad or m")
 
 
 def _per_second(unit: str) -> str:
-    return " or ".join(f"{each}/s" for each in unit.split(" or "))
+    return " or ".join(f"{part}/s" for part in unit.split(" or "))
 
 
 def joints(subject: Subject) -> Figure:
@@ -231,9 +231,9 @@ def conservation(subject: Subject) -> Figure:
     for subsystem in SUBSYSTEMS:
         accounts, rows = BalanceColumns(header.layout, header.metadata, subsystem), np.asarray(run.log.rows)
         energy, momentum = accounts.energy(rows), accounts.momentum(rows)
-        energy, momentum, taken = energy - energy[0], momentum - momentum[0], accounts.truncation(rows)
-        if taken is not None:
-            energy = without_loss(energy, taken - taken[0])
+        energy, momentum, loss = energy - energy[0], momentum - momentum[0], accounts.truncation(rows)
+        if loss is not None:
+            energy = without_loss(energy, loss - loss[0])
         sizes[subsystem] = np.abs(energy), norms(momentum[:, :3]), norms(momentum[:, 3:])
     stretches = np.maximum(np.ceil(run.time / stretch_s(header.metadata) - 1e-9), 1.0)
     panels, checks = [], run.checks(DEFAULT_TOLERANCE)

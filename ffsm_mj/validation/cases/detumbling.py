@@ -42,7 +42,7 @@ def _follow(e: float) -> list[float]:
     return [left ** (k + 1) for k in range(_TAPS)]
 
 
-def _held(e: float) -> float:
+def _share_with_fixed_arms(e: float) -> float:
     """Spin over the first one after a tap by each arm, if the second waits for the target in its place."""
     impulse = (1.0 + e) * _EFFECTIVE_KG * _LEVER_M
     left, speed = 1.0 - impulse * _LEVER_M / _TARGET_KG_M2, impulse / _TARGET_KG
@@ -91,7 +91,13 @@ def _numbers() -> tuple[Number, ...]:
             for k, left in enumerate(_follow(e))
         ]
         numbers.append(
-            Number(f"held_{key}", f"e = {e:.4f}, held arms: share of the spin after two", text_of(_held(e), 6), 1e-5, why)
+            Number(
+                f"held_{key}",
+                f"e = {e:.4f}, held arms: share of the spin after two",
+                text_of(_share_with_fixed_arms(e), 6),
+                1e-5,
+                why,
+            )
         )
     return tuple(numbers)
 

@@ -93,9 +93,9 @@ _BUS_I, _WHEEL_I, _START, _TORQUE = 2.0, 0.01, 0.05, 0.02
 
 def _wheel_text(axis: str, spin: float, tilt: float) -> str:
     """MJCF of a wheel of 1 kg about an axis, with its moments of inertia about it and across, kg m^2."""
-    about = [axis == each for each in "xyz"]
+    about = [axis == letter for letter in "xyz"]
     joint = f'<joint name="{axis}" axis="{vector(about)}"/>'
-    return body(axis, 1.0, [spin if own else tilt for own in about], joint=joint)
+    return body(axis, 1.0, [spin if turns else tilt for turns in about], joint=joint)
 
 
 def _wheel() -> Values:
@@ -118,7 +118,7 @@ def _wheel() -> Values:
 _TUMBLE, _TUMBLING_I = (0.1, -0.2, 0.15), (2.0, 1.5, 1.0)
 _SPIN_I, _TILT_I = 0.02, 0.01
 """Moments of inertia of a wheel about its axis and across, kg m^2."""
-_WHOLE_I = [each + _SPIN_I + 2.0 * _TILT_I for each in _TUMBLING_I]
+_WHOLE_I = [tumbling + _SPIN_I + 2.0 * _TILT_I for tumbling in _TUMBLING_I]
 _ALL_MOMENTUM = math.sqrt(sum((inertia * rate) ** 2 for inertia, rate in zip(_WHOLE_I, _TUMBLE, strict=True)))
 
 
@@ -166,7 +166,7 @@ def _panel(name: str, side: float) -> str:
     return body(name, _PANEL_KG, (100.0, 50.0, 50.0), joint=joint, at=place, centre=centre)
 
 
-def _flown() -> Values:
+def _simulated() -> Values:
     panels = _panel("right", 1.0) + _panel("left", -1.0)
     hub = body("hub", _HUB_KG, (900.0, 800.0, 600.0), panels, centre=(0.0, 0.0, 1.0))
     spin = np.array(_HUB_SPIN)
@@ -290,6 +290,6 @@ CASES = (
             ),
             *(Number(f"attitude{i}", f"attitude, MRP {i + 1}", text, 1e-11, _ASKED) for i, text in enumerate(_ATTITUDE)),
         ),
-        _flown,
+        _simulated,
     ),
 )

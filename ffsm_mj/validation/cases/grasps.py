@@ -136,15 +136,15 @@ _TARGET_RATES = (-0.02, 0.01, 0.0, 0.0, 0.01, _TUMBLE)
 
 def _bodies() -> FreeBodies:
     """Base, seven links and the target, welded to the last link."""
-    found = FreeBodies()
-    last, at = found.add(_BASE_KG, np.array(_BASE_KG_M2), np.zeros(3), np.zeros(3)), np.array(_MOUNT_M)
+    bodies = FreeBodies()
+    last, at = bodies.add(_BASE_KG, np.array(_BASE_KG_M2), np.zeros(3), np.zeros(3)), np.array(_MOUNT_M)
     link = _LINK_KG, np.array(_LINK_KG_M2), np.array(_MIDDLE_M)
     for name, angle in zip(_AXES, _ANGLES, strict=True):
-        last, at = found.hinge(last, at, _axis(name), angle, 0.0, *link), np.array(_NEXT_M)
-    grip = found.bodies[last].origin + found.bodies[last].R @ _NEXT_M
-    target = found.add(_TARGET_KG, np.array(_TARGET_KG_M2), grip - _HANDLE_M, np.zeros(3), np.array(_TARGET_RATES))
-    found.weld(last, target, grip)
-    return found
+        last, at = bodies.hinge(last, at, _axis(name), angle, 0.0, *link), np.array(_NEXT_M)
+    grip = bodies.bodies[last].origin + bodies.bodies[last].R @ _NEXT_M
+    target = bodies.add(_TARGET_KG, np.array(_TARGET_KG_M2), grip - _HANDLE_M, np.zeros(3), np.array(_TARGET_RATES))
+    bodies.weld(last, target, grip)
+    return bodies
 
 
 def _free_arm() -> Values:
@@ -162,13 +162,13 @@ def _free_arm() -> Values:
     )
     (grasp,) = run.records["grasp_impulses"]
     jump = np.array(grasp.qvel_after["robot/free"])
-    own = float(0.5 * _BASE_KG * jump[:3] @ jump[:3] + 0.5 * jump[3:] @ (_BASE_KG_M2 * jump[3:]))
-    values = {f"jump{i}": float(each) for i, each in enumerate(jump)}
-    values |= {f"impulse{i}": float(each) for i, each in enumerate(grasp.impulse_N_s)}
+    energy_J = float(0.5 * _BASE_KG * jump[:3] @ jump[:3] + 0.5 * jump[3:] @ (_BASE_KG_M2 * jump[3:]))
+    values = {f"jump{i}": float(value) for i, value in enumerate(jump)}
+    values |= {f"impulse{i}": float(value) for i, value in enumerate(grasp.impulse_N_s)}
     return values | {
         "loss": -grasp.energy_change_J,
-        "base": own,
-        "arm": float(np.ravel(grasp.energy_after_J["robot"])[0]) - own,
+        "base": energy_J,
+        "arm": float(np.ravel(grasp.energy_after_J["robot"])[0]) - energy_J,
         "target": float(np.ravel(grasp.energy_after_J["objects"])[0]),
         "momentum": grasp.angular_momentum_change_N_m_s,
     }
@@ -270,11 +270,11 @@ def _hands() -> Values:
     for name, axes in _AXES_OF_HANDS.items():
         run = _closed(axes)
         closings = run.records["grasp_impulses"]
-        last = max(closings, key=lambda each: each.place)
+        last = max(closings, key=lambda closing: closing.place)
         base = np.array(last.qvel_after["robot/free"])
         values |= {
-            f"{name}_loss": sum(each.loss_J for each in closings),
-            f"{name}_rank": float(sum(each.rank for each in closings)),
+            f"{name}_loss": sum(closing.loss_J for closing in closings),
+            f"{name}_rank": float(sum(closing.rank for closing in closings)),
             f"{name}_mobility": float(last.mobility),
             f"{name}_x": float(base[0]),
             f"{name}_turn": float(base[5]),
@@ -321,9 +321,9 @@ def _balls() -> Values:
     )
     closings = run.records["grasp_impulses"]
     return {
-        "loss": sum(each.loss_J for each in closings),
+        "loss": sum(closing.loss_J for closing in closings),
         "energy": float(run["energy.total_J"][0] - run["energy.total_J"][-1]),
-        "rank": float(sum(each.rank for each in closings)),
+        "rank": float(sum(closing.rank for closing in closings)),
     }
 
 

@@ -102,8 +102,8 @@ def _gripped(
 
 def _slip_s(run: Run) -> float:
     """Time at which both pads begin to slip; the mean of no time is not a number."""
-    found = [record.time_s for record in run.records["contact_slips"]]
-    return found[0] if len(found) == 2 and found[0] == found[1] else math.nan
+    times = [record.time_s for record in run.records["contact_slips"]]
+    return times[0] if len(times) == 2 and times[0] == times[1] else math.nan
 
 
 def _behind(run: Run) -> tuple[float, float]:

@@ -198,7 +198,7 @@ def _rolling() -> Values:
         off = np.column_stack([states(run, f"v_robot_{axis}")[:, 0] for axis in "xyz"]) - np.outer(_BOX_A * time, share)
         balls = [states(run, f"v_ball{i}{k}_free")[:, :3] for i in range(_SIDE) for k in range(_SIDE)]
         rolled = np.outer(_BALL_A * time, share)
-        values[key] = max(float(np.mean(np.sum(off**2 + (each - rolled) ** 2, axis=1))) for each in balls)
+        values[key] = max(float(np.mean(np.sum(off**2 + (ball - rolled) ** 2, axis=1))) for ball in balls)
         if directions == "y":
             values |= {"box": states(run, "v_robot_y")[-1, 0] / _SECONDS, "ball": balls[0][-1, 1] / _SECONDS}
     return values

@@ -57,14 +57,14 @@ class Worst:
             time_s: Time.
             unit: Unit.
         """
-        size, of = (float(np.max(np.abs(each), initial=0.0)) for each in (residual, scale))
+        size, of = (float(np.max(np.abs(part), initial=0.0)) for part in (residual, scale))
         size, of = (size if math.isfinite(size) else math.inf), (of if math.isfinite(of) else 0.0)
         if (share := size / (1.0 + of)) > self._share:
             self._share = share
             self.finding = Finding(self._name, component, size, of, time_s, unit)
 
     @property
-    def found(self) -> list[Finding]:
+    def findings(self) -> list[Finding]:
         """The finding as a list; empty if there was nothing to check."""
         return [] if self.finding is None else [self.finding]
 

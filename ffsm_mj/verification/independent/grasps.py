@@ -45,7 +45,7 @@ def grasps(scene: LoggedScene, rows: LoggedRows) -> list[Finding]:
             closed.append(record.grasp)
         elif hasattr(record, "reason") and hasattr(record, "grasp"):
             closed = [name for name in closed if name != record.grasp]
-    return [*twist.found, *impulse.found]
+    return [*twist.findings, *impulse.findings]
 
 
 def _closed_at_start(scene: LoggedScene, rows: LoggedRows, events: Sequence[Any]) -> list[str]:
@@ -70,10 +70,10 @@ def _grasp(scene: LoggedScene, record: Any, others: Sequence[Latched], twist: Wo
     M, change = scene.mass_matrix(), np.empty(scene.model.nv)
     mujoco.mj_mulM(scene.model, scene.data, change, after - before)
     missing = change - relative.T @ wrench
-    if held := [scene.latch_rows(other) for other in others] + ([scene.equality_rows()] if scene.model.neq else []):
+    if kept := [scene.latch_rows(other) for other in others] + ([scene.equality_rows()] if scene.model.neq else []):
         # Impulses of the grasps that were closed already, and of equality constraints, are not in the record: they may be
         # any along their rows.
-        missing = _across(np.concatenate(held), M, missing)
+        missing = _across(np.concatenate(kept), M, missing)
     momentum: Array = np.abs(M) @ (np.abs(before) + np.abs(after))
     impulse.add(grasp.name, missing, momentum, record.time_s, "N s, N m s")
 
@@ -92,24 +92,24 @@ def grasp_bounds(scene: LoggedScene, rows: LoggedRows) -> list[Finding]:
     events: list[Any] = [record for record in scene.log.events() if hasattr(record, "time_s")]
     others_than_arming = ("replaces", "least_ratio", "reason")
     for record in events:
-        given = (scene.scenario.get("grasps") or {}).get(getattr(record, "grasp", ""), {})
-        within = given.get("when", {}).get("within")
+        bounds = (scene.scenario.get("grasps") or {}).get(getattr(record, "grasp", ""), {})
+        within = bounds.get("when", {}).get("within")
         if not within:
             continue
-        own = [each for each in events if getattr(each, "grasp", "") == record.grasp and each is not record]
-        armed_s = [each.time_s for each in own if not any(hasattr(each, name) for name in others_than_arming)]
+        related = [event for event in events if getattr(event, "grasp", "") == record.grasp and event is not record]
+        armed_s = [other.time_s for other in related if not any(hasattr(other, name) for name in others_than_arming)]
         if hasattr(record, "replaces"):
             scene.put(record.qpos, scene.rates(record.qvel_before))
             ratio = _ratio(scene, scene.grasps[record.grasp], within)
             # Distance and angle are continuous, so that they may be below their bounds from the arming on alone; speeds may
             # be so from any event on.
             speeds = within.get("speed_m_s") or within.get("rate_rad_s")
-            others = [each.time_s for each in events if each is not record] if speeds else armed_s
+            others = [event.time_s for event in events if event is not record] if speeds else armed_s
             begins = np.min(np.abs(np.array([np.inf, *others]) - record.time_s)) > SAME_TIME_S
             worst.add(record.grasp, abs(ratio - 1.0) if begins else max(0.0, ratio - 1.0), 0.0, record.time_s, "")
         elif hasattr(record, "least_ratio"):
             _near_miss(scene, rows, record, within, max((t for t in armed_s if t <= record.time_s), default=-np.inf), worst)
-    return worst.found
+    return worst.findings
 
 
 def _near_miss(scene: LoggedScene, rows: LoggedRows, record: Any, within: Any, armed_s: float, worst: Worst) -> None:
@@ -155,7 +155,7 @@ def grasp_load(scene: LoggedScene, rows: LoggedRows) -> list[Finding]:
         scene.put_row(row)
         accelerate(scene, closed)
         _compare(scene, row, closed, rows.time_s(number), worst)
-    return worst.found
+    return worst.findings
 
 
 def _compare(scene: LoggedScene, row: Array, closed: list[Latched], time_s: float, worst: Worst) -> None:
@@ -164,21 +164,21 @@ def _compare(scene: LoggedScene, row: Array, closed: list[Latched], time_s: floa
     for root in {int(model.body_rootid[scene.bodies(grasp)[1]]) for grasp in closed}:
         points = [np.array(data.site_xpos[grasp.child]) for grasp in closed]
         signs = [[int(model.body_rootid[body]) == root for body in scene.bodies(grasp)] for grasp in closed]
-        own = next(i for i, (_, is_child) in enumerate(signs) if is_child)
-        needed, given, size = load_on(scene, root, points[own]), np.zeros(6), 0.0
-        for grasp, point, (holds, is_held) in zip(closed, points, signs, strict=True):
+        child = next(i for i, (_, is_child) in enumerate(signs) if is_child)
+        needed, load, size = load_on(scene, root, points[child]), np.zeros(6), 0.0
+        for grasp, point, (holds, is_object) in zip(closed, points, signs, strict=True):
             force, torque = _logged(scene, row, grasp)
             size = max(size, float(np.abs((*force, *torque)).max()))
-            moved = np.concatenate((force, torque + np.cross(point - points[own], force)))
-            given += (float(is_held) - float(holds)) * moved
-        missing = needed - given
-        if sum(is_held or holds for holds, is_held in signs) > 1:
+            moved = np.concatenate((force, torque + np.cross(point - points[child], force)))
+            load += (float(is_object) - float(holds)) * moved
+        missing = needed - load
+        if sum(is_object or holds for holds, is_object in signs) > 1:
             # Rows that depend on what the joints of the object's own base stop share the load with them: only what moves
             # the object is known.
-            moves = scene.body_rows(root, points[own])
+            moves = scene.body_rows(root, points[child])
             left, sizes, _ = np.linalg.svd(moves[:, model.body_dofadr[root] :][:, : model.body_dofnum[root]])
             missing = left[:, : int(np.sum(sizes > 1e-10))].T @ missing
-        worst.add(closed[own].name, missing, (size, *needed), time_s, "N, N m")
+        worst.add(closed[child].name, missing, (size, *needed), time_s, "N, N m")
 
 
 def _logged(scene: LoggedScene, row: Array, grasp: Latched) -> tuple[Array, Array]:

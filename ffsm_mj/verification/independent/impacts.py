@@ -50,14 +50,14 @@ def restitution_used(scene: LoggedScene, rows: LoggedRows) -> list[Finding]:
             elif away == 0.0 and used > 0.0 and _must_rest(scene, rows, records, record):
                 away = used
             worst.add(f"impact {record.event + 1}", away, 0.0, record.time_s, "")
-    return worst.found
+    return worst.findings
 
 
 def _stated(scene: LoggedScene, sides: GeomSides, record: Any) -> float | None:
     """Coefficient of restitution that the scenario states for the contact or joint of a record; None if it names none."""
     if hasattr(record, "joint"):
         limits = scene.scenario.get("joint_limits") or {}
-        named = {scene.system.limited(key)[0]: given for key, given in limits.items()}
+        named = {scene.system.limited(key)[0]: set_limits for key, set_limits in limits.items()}
         return float((named.get(record.joint) or {}).get("restitution", 0.0))
     contacts = scene.scenario.get("contacts") or {}
     default = float((contacts.get("default") or {}).get("restitution", 1.0))
@@ -74,10 +74,10 @@ def _stated(scene: LoggedScene, sides: GeomSides, record: Any) -> float | None:
 
 def _rest_rule(scene: LoggedScene) -> tuple[float, float]:
     """Flights shorter than the first, s, are omitted, and separations slower than the second, m/s."""
-    given: Mapping[str, Any] = scene.scenario.get("impact") or {}
-    interval_s = given.get("rest_interval_s")
+    config: Mapping[str, Any] = scene.scenario.get("impact") or {}
+    interval_s = config.get("rest_interval_s")
     return float(scene.scenario["time_step_s"] if interval_s is None else interval_s), float(
-        given.get("rest_speed_m_s") or 0.0
+        config.get("rest_speed_m_s") or 0.0
     )
 
 
@@ -90,27 +90,27 @@ def _may_rest(scene: LoggedScene, rows: LoggedRows, event: list[Any], record: An
     interval_s, speed_m_s = _rest_rule(scene)
     at_limit = hasattr(record, "joint")
     gap = record.dropped_gap if at_limit else record.dropped_gap_m
-    flight_s = record.dropped_flights_s * (1.0 - record.restitution)
-    if flight_s <= 0.0 or gap <= 0.0:
+    free_s = record.dropped_flights_s * (1.0 - record.restitution)
+    if free_s <= 0.0 or gap <= 0.0:
         # It did not separate without the rule either. One contact alone separates by its restitution, in an impact with
         # friction as by the law; of several, each impulse may bring the others to rest, and with e = 1 there is no rule.
         alone = len(event) == 1 and not at_limit and record.mu == 0.0
         return bool(gap <= _NO_SPEED_M_S and not (alone and record.restitution * record.approach_speed_m_s > _NO_SPEED_M_S))
-    speed = 4.0 * gap / flight_s
+    speed = 4.0 * gap / free_s
     if speed <= _NO_SPEED_M_S:
         return True
-    if flight_s > interval_s * (1.0 + 1e-9) and speed > speed_m_s * (1.0 + 1e-9):
+    if free_s > interval_s * (1.0 + 1e-9) and speed > speed_m_s * (1.0 + 1e-9):
         return False
-    found = _pressing(scene, rows, event, record)
-    return found is None or speed < max(speed_m_s, 0.5 * interval_s * found.most) * (1.0 + 1e-9)
+    pressing = _pressing(scene, rows, event, record)
+    return pressing is None or speed < max(speed_m_s, 0.5 * interval_s * pressing.most) * (1.0 + 1e-9)
 
 
 def _must_rest(scene: LoggedScene, rows: LoggedRows, event: list[Any], record: Any) -> bool:
     """Whether a contact that bounced would have come to rest by the rule; False where that is not known."""
-    if record.restitution >= 1.0 or (found := _pressing(scene, rows, event, record)) is None or found.least <= 0.0:
+    if record.restitution >= 1.0 or (pressing := _pressing(scene, rows, event, record)) is None or pressing.least <= 0.0:
         return False
     interval_s, speed_m_s = _rest_rule(scene)
-    return bool(record.separation_speed_m_s < max(speed_m_s, 0.5 * interval_s * found.least) * (1.0 - 1e-9))
+    return bool(record.separation_speed_m_s < max(speed_m_s, 0.5 * interval_s * pressing.least) * (1.0 - 1e-9))
 
 
 def _pressing(scene: LoggedScene, rows: LoggedRows, event: list[Any], record: Any) -> Pressing | None:
@@ -173,18 +173,18 @@ def pressing(scene: LoggedScene, rows: LoggedRows, record: Any, unsure: float) -
     acceleration = np.linalg.solve(scene.mass_matrix(), scene.free_force())
     speed = max(float(np.linalg.norm(way @ plastic)) for way in ways) + float(np.abs(plastic).max(initial=0.0))
     step = min(_LONGEST_S, _TRAVEL_M / max(speed, 1e-12))
-    here, *away = (
+    place, *away = (
         _distance(scene, np.array(record.qpos), plastic * t + 0.5 * acceleration * t * t, geoms, normal)
         for t in (0.0, -step, step, -0.5 * step, 0.5 * step)
     )
-    found, nearer = -(away[0] - 2.0 * here + away[1]) / step**2, -4.0 * (away[2] - 2.0 * here + away[3]) / step**2
-    error = unsure * abs(found) + 16.0 * _DISTANCE_M / step**2
+    drop, nearer = -(away[0] - 2.0 * place + away[1]) / step**2, -4.0 * (away[2] - 2.0 * place + away[3]) / step**2
+    error = unsure * abs(drop) + 16.0 * _DISTANCE_M / step**2
     # Where another vertex or edge is the nearest one on the way, the distance has a kink: second differences over a step and
     # over half of it differ, or what happens before and after is not alike, as it is to third order at rest.
     uneven = max(abs(away[1] - away[0]), 4.0 * abs(away[3] - away[2])) / step**2
-    if max(abs(found - nearer), uneven) > _SMOOTH * abs(found) + 5.0 * error:
+    if max(abs(drop - nearer), uneven) > _SMOOTH * abs(drop) + 5.0 * error:
         return None
-    limit, error = (4.0 * nearer - found) / 3.0, error + abs(found - nearer)
+    limit, error = (4.0 * nearer - drop) / 3.0, error + abs(drop - nearer)
     return Pressing(limit - error, limit + error)
 
 
@@ -261,7 +261,7 @@ def contact_geometry(scene: LoggedScene) -> list[Finding]:
     impacts = [record for record in scene.log.impact_records if not hasattr(record, "joint")]
     for record in impacts[:: 1 + len(impacts) // MOST]:
         worst.add(f"impact {record.event + 1}", _miss(scene, record), 0.0, record.time_s, "rad")
-    return worst.found
+    return worst.findings
 
 
 def _miss(scene: LoggedScene, record: Any) -> tuple[float, float]:
@@ -305,7 +305,7 @@ def several_contacts(scene: LoggedScene, rows: LoggedRows) -> list[Finding]:
     for event in covered[:: 1 + len(covered) // MOST] if not scene.grasps else ():
         if _is_alone(scene, rows, event[0].time_s):
             _compare(scene, event, worst)
-    return worst.found
+    return worst.findings
 
 
 def _is_alone(scene: LoggedScene, rows: LoggedRows, time_s: float) -> bool:
@@ -372,7 +372,7 @@ def equalities(scene: LoggedScene) -> list[Finding]:
         worst.add(
             f"event {number + 1}", change, np.abs(rows) @ (np.abs(before) + np.abs(after)), record.time_s, "m/s, rad/s"
         )
-    return worst.found
+    return worst.findings
 
 
 def _independent(rows: Array, M: Array) -> Array:
@@ -403,7 +403,7 @@ def friction_heat(log: RunLog, rows: LoggedRows) -> list[Finding]:
     for residual, what in ((away, "sum"), (fall, "fall")):
         at = int(np.argmax(np.where(np.isnan(residual), np.inf, residual)))
         worst.add(what, residual[at], heat, float(times[at]), "J")
-    return worst.found
+    return worst.findings
 
 
 def _events(log: RunLog) -> list[list[Any]]:

@@ -50,7 +50,7 @@ class Spread(Generic[_Kept]):
             self._things.append((number, thing_at(number - first)))
             if len(self._things) > MOST:
                 self._stride *= 2
-                self._things = [each for each in self._things if each[0] % self._stride == 0]
+                self._things = [thing for thing in self._things if thing[0] % self._stride == 0]
             number += self._stride - number % self._stride
 
     @property
@@ -80,7 +80,7 @@ class KeptRows:
         self._period_s, self._start_s = float(metadata.get("control_period_s", "inf")), logged_start_s(metadata)
         self.spread, self.closed = Spread[int](), Spread[int]()
         self.before = Spread[tuple[float, int]]()
-        self._closed = [layout.index[each.closed] for each in logged_load_columns(layout)]
+        self._closed = [layout.index[columns.closed] for columns in logged_load_columns(layout)]
         ends = [i for key, i in layout.index.items() if key.startswith("sensor.") and key.endswith("_sampled_s")]
         self.samples = {column: Spread[tuple[int, int]]() for column in ends}
         self._shown = dict.fromkeys(ends, np.nan)
@@ -126,7 +126,7 @@ class KeptRows:
         """Keep rows of the samples that a column shows newly."""
         new = np.flatnonzero((shown != np.concatenate(([self._shown[column]], shown[:-1]))) & np.isfinite(shown))
         self._shown[column] = float(shown[-1])
-        spread.add(len(new), lambda i: (self._keep(first + int(new[i])), self._taken(float(shown[new[i]]))))
+        spread.add(len(new), lambda i: (self._keep(first + int(new[i])), self._sample_row(float(shown[new[i]]))))
 
     def _meet(self, time_s: float) -> None:
         """Keep the row before an impact."""
@@ -159,7 +159,7 @@ class KeptRows:
                 return number
         return -1
 
-    def _taken(self, time_s: float) -> int:
+    def _sample_row(self, time_s: float) -> int:
         """Keep the row at the time of a sample, and the one before, whose efforts act there; returns its number, or -1."""
         for first, rows in reversed(self._recent):
             times = rows[:, self.layout.time]

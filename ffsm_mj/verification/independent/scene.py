@@ -70,14 +70,14 @@ class LoggedScene:
         self.actuators = [self.model.actuator(i).name for i in range(self.model.nu)]
         self._efforts = layout.places([effort_key(layout, name, "applied") for name in self.actuators])
         self._ctrl_per_effort = 1.0 / np.array([_effort_per_ctrl(self.model, i) for i in range(self.model.nu)])
-        self._loads = [(each, layout.index[each.closed]) for each in logged_load_columns(layout)]
+        self._loads = [(columns, layout.index[columns.closed]) for columns in logged_load_columns(layout)]
         contact = [key for key in layout.keys if key.startswith("contact.")]
         self._states = layout.places([key for key in contact if key.endswith(("_mode", "_limit"))])
-        self.grasps = {name: self._latch(name, given) for name, given in (scenario.get("grasps") or {}).items()}
+        self.grasps = {name: self._latch(name, stated) for name, stated in (scenario.get("grasps") or {}).items()}
 
-    def _latch(self, name: str, given: Mapping[str, Any]) -> Latched:
-        robot, child = (self.system.index("site", given[key]) for key in ("robot_site", "object_site"))
-        return Latched(name, robot, child, stopped_rows(given.get("joint", "rigid"), given.get("axis") or ()))
+    def _latch(self, name: str, stated: Mapping[str, Any]) -> Latched:
+        robot, child = (self.system.index("site", stated[key]) for key in ("robot_site", "object_site"))
+        return Latched(name, robot, child, stopped_rows(stated.get("joint", "rigid"), stated.get("axis") or ()))
 
     def put(self, qpos: Any, qvel: Any, efforts: Any = None, time_s: float = 0.0) -> None:
         """Put the data to a state, with positions, velocities, passive and actuator forces current.
@@ -103,8 +103,8 @@ class LoggedScene:
 
     def put_row(self, row: Array, efforts: Any = None) -> None:
         """The same for a row of the log and, unless others are given, its own efforts."""
-        own = row[self._efforts] if efforts is None else efforts
-        self.put(row[self._q], row[self._v], own, float(row[self.layout.time]))
+        applied = row[self._efforts] if efforts is None else efforts
+        self.put(row[self._q], row[self._v], applied, float(row[self.layout.time]))
 
     def efforts_of(self, row: Array) -> Array:
         """Efforts that a row states, by actuator, (nu,)."""
@@ -188,12 +188,12 @@ class LoggedScene:
 
     def closed_in(self, row: Array) -> list[Latched]:
         """The grasps that are closed in a row."""
-        grasps, found = [*self.grasps.values()], []
+        grasps, closed_now = [*self.grasps.values()], []
         for columns, closed in self._loads:
             if (number := int(row[closed])) > 0:
-                own = [each for each in grasps if identifier(each.name) == columns.grasp]
-                found += own if columns.grasp else grasps[number - 1 : number]
-        return found
+                named = [grasp for grasp in grasps if identifier(grasp.name) == columns.grasp]
+                closed_now += named if columns.grasp else grasps[number - 1 : number]
+        return closed_now
 
 
 def stopped_rows(kind: str, axis: Sequence[float]) -> Array:

@@ -34,7 +34,7 @@ class SensorSettings:
 
     Attributes:
         model: The sensor of its model.
-        given: What the scenario sets of it.
+        settings: What the scenario sets for it.
         measured: Columns of its measured value.
         true: Columns of its true value.
         sampled: Column of the time of the sample.
@@ -46,7 +46,7 @@ class SensorSettings:
     """
 
     model: ModelSensor
-    given: Mapping[str, Any]
+    settings: Mapping[str, Any]
     measured: tuple[int, ...]
     true: tuple[int, ...]
     sampled: int
@@ -63,8 +63,8 @@ class SensorSettings:
 
     def value(self, key: str, default: Any) -> Any:
         """What the scenario sets under a key, or a default."""
-        found = self.given.get(key)
-        return default if found is None else found
+        setting = self.settings.get(key)
+        return default if setting is None else setting
 
     def numbers(self, block: Array) -> Array:
         """Numbers of the samples that some rows show, (n,); NaN before the first arrival."""
@@ -79,19 +79,19 @@ def sensor_settings(scene: LoggedScene) -> list[SensorSettings]:
     """
     layout, system, scenario, metadata = scene.layout, scene.system, scene.scenario, scene.log.header.metadata
     period_s = float(metadata.get("control_period_s", "nan"))
-    given = {system.resolve("sensor", key): dict(part) for key, part in (scenario.get("sensors") or {}).items()}
-    found = []
+    stated = {system.resolve("sensor", key): dict(part) for key, part in (scenario.get("sensors") or {}).items()}
+    settings = []
     for columns in measured_columns(layout, system.sensors):
-        model, own = system.sensors[columns.sensor], given.get(columns.sensor, {})
+        model, changes = system.sensors[columns.sensor], stated.get(columns.sensor, {})
         timing = {
-            name: own[name] if own.get(name) is not None else getattr(model, name)
+            name: changes[name] if changes.get(name) is not None else getattr(model, name)
             for name in ("interval_s", "first_s", "delay_s")
         }
         timing["interval_s"] = timing["interval_s"] or period_s
-        found.append(
+        settings.append(
             SensorSettings(
                 model,
-                own,
+                changes,
                 tuple(layout.index[key] for key in columns.measured),
                 tuple(layout.index[key] for key in columns.true),
                 layout.index[f"sensor.{identifier(columns.sensor)}_sampled_s"],
@@ -100,7 +100,7 @@ def sensor_settings(scene: LoggedScene) -> list[SensorSettings]:
                 **timing,
             )
         )
-    return found
+    return settings
 
 
 _BLOCK = 256
@@ -184,7 +184,7 @@ def sensor_noise(rows: LoggedRows, sensors: Sequence[SensorSettings]) -> list[Fi
         away = np.abs(SensorErrors(sensor).residual(sensor.numbers(block), true, measured)).max(axis=1)
         at = int(np.argmax(np.where(np.isnan(away), np.inf, away)))
         worst.add(sensor.name, away[at], true, float(block[at, sensor.sampled]), sensor.model.unit)
-    return worst.found
+    return worst.findings
 
 
 def _quaternions(turns: Array) -> Array:
@@ -223,12 +223,12 @@ def sensor_times(rows: LoggedRows, sensors: Sequence[SensorSettings]) -> list[Fi
             away = np.where(sooner > sensor.start_s, away, 0.0)
         at = int(np.argmax(away))
         worst.add(sensor.name, away[at], 0.0, float(times[at]), "s")
-    return worst.found
+    return worst.findings
 
 
-def _newest(each: SensorErrors, times: Array) -> Array:
+def _newest(errors: SensorErrors, times: Array) -> Array:
     """Time of the newest sample that has arrived at each time, (n,); NaN if none has."""
-    sensor = each.sensor
+    sensor = errors.sensor
     jitter_s, dropout = float(sensor.value("delay_jitter_s", 0.0)), float(sensor.value("dropout", 0.0))
     last = np.floor((times - sensor.delay_s - sensor.first_s) / sensor.interval_s)
     if not jitter_s and not dropout:
@@ -236,9 +236,9 @@ def _newest(each: SensorErrors, times: Array) -> Array:
     samples = np.arange(0.0, max(float(last.max()), 0.0) + 1.0)
     arrivals = sensor.first_s + samples * sensor.interval_s + sensor.delay_s
     if jitter_s:
-        arrivals = arrivals + jitter_s * each.draws("/delay_jitter", samples)[:, 0]
+        arrivals = arrivals + jitter_s * errors.draws("/delay_jitter", samples)[:, 0]
     if dropout:
-        arrivals = np.where(each.draws("/dropout", samples)[:, 0] < dropout, np.inf, arrivals)
+        arrivals = np.where(errors.draws("/dropout", samples)[:, 0] < dropout, np.inf, arrivals)
     order = np.argsort(arrivals)
     newest = np.maximum.accumulate(samples[order])
     place = np.searchsorted(arrivals[order], times, side="right") - 1
@@ -282,7 +282,7 @@ def sensor_values(scene: LoggedScene, rows: LoggedRows, sensors: Sequence[Sensor
             if sensor.model.shape == "rotation" and value @ logged < 0.0:
                 value = -value  # both signs are one orientation
             worst.add(sensor.name, value - logged, logged, rows.time_s(at), sensor.model.unit)
-    return worst.found
+    return worst.findings
 
 
 def _put(scene: LoggedScene, rows: LoggedRows, at: int, *, with_forces: bool) -> bool:

@@ -57,10 +57,10 @@ def test_made_again_and_forgetful(tmp_path, rng, kind, field):
     differ, number = 0, count()
     for feature, model, data, *motion in followed(tmp_path, rng, CASES[kind, field], kind):
         next(number)
-        told = to_bytes(StoredFeatures(model).told(feature))
+        told = to_bytes(StoredFeatures(model).to_plain(feature))
         expected = evaluated(feature, model, data, *motion)
-        assert evaluated(StoredFeatures(model).made(from_bytes(told)), model, data, *motion) == expected
+        assert evaluated(StoredFeatures(model).from_plain(from_bytes(told)), model, data, *motion) == expected
         with forgetting(kind, field):
-            differ += evaluated(StoredFeatures(model).made(from_bytes(told)), model, data, *motion) != expected
+            differ += evaluated(StoredFeatures(model).from_plain(from_bytes(told)), model, data, *motion) != expected
     assert next(number) >= 2
     assert differ >= 1

@@ -119,7 +119,7 @@ class Bench:
         self.model, self.data = self.system.mj, mujoco.MjData(self.system.mj)
         self.sites = Sites(self.system, self.grasp)
         self.motion = Motion(self.model, self.data)
-        self.held = GraspedMotion(self.motion, Scene(self.system, self.data), self.held_system, self.grasp)
+        self.grasped_motion = GraspedMotion(self.motion, Scene(self.system, self.data), self.held_system, self.grasp)
 
     def draw(self, rng, speed=1.0):
         """Any state."""
@@ -131,7 +131,7 @@ class Bench:
     def impulse(self):
         """What joins the two here."""
         sites = self.sites
-        stopped = self.held.joints.stopped(self.data)
+        stopped = self.grasped_motion.joints.stopped(self.data)
         return plastic_impulse(self.model, self.data, sites.link, sites.root, sites.point(self.data), stopped)
 
     def capture(self):
@@ -139,7 +139,7 @@ class Bench:
         found = self.impulse()
         self.data.qvel[:] += found.change
         mujoco.mj_forward(self.model, self.data)
-        self.held.hold()
+        self.grasped_motion.hold()
         return found
 
     def momentum(self):

@@ -46,7 +46,7 @@ def test_pinocchio_agrees(tmp_path, rng):
         bench.draw(rng)
         bench.capture()
         alone, joined = composite(bench)
-        held, n = bench.held, alone.nv
+        held, n = bench.grasped_motion, alone.nv
         q, v, X = to_pinocchio(alone, np.array(held.data.qpos), np.array(held.data.qvel))
         around, M = joined.createData(), mass_matrix(held.model, held.data)
         expected = X.T @ pin.crba(joined, around, q) @ X
@@ -77,8 +77,8 @@ def test_the_free_system_is_where_the_object_is(tmp_path, rng):
         bench.capture()
         before = np.array(bench.data.qpos)
         for _ in range(50):
-            bench.held.step(1e-3)
-        root, held = bench.sites.root, bench.held
+            bench.grasped_motion.step(1e-3)
+        root, held = bench.sites.root, bench.grasped_motion
         np.testing.assert_allclose(bench.data.xpos[root], held.data.xpos[held.root], atol=1e-14)
         np.testing.assert_allclose(bench.data.xmat[root], held.data.xmat[held.root], atol=1e-14)
         assert np.abs(bench.twist()).max() < 1e-13
@@ -98,8 +98,8 @@ def test_ten_seconds_held_against_six_rows_in_the_stages(tmp_path, step_s):
     greater than twice it, and so many steps may each add one rounding of a coordinate of 1.
     """
     bench, finer, other = (_tumbling(tmp_path, h) for h in (step_s, 0.5 * step_s, step_s))
-    path, kept = _flown(bench, lambda: bench.held.step(step_s), step_s)
-    halved, _ = _flown(finer, lambda: finer.held.step(0.5 * step_s), 0.5 * step_s)
+    path, kept = _flown(bench, lambda: bench.grasped_motion.step(step_s), step_s)
+    halved, _ = _flown(finer, lambda: finer.grasped_motion.step(0.5 * step_s), 0.5 * step_s)
     mujoco.set_mjcb_control(lambda _, data: _hold_alone(other, data))
     try:
         constrained, also_kept = _flown(other, lambda: mujoco.mj_step(other.model, other.data), step_s)
@@ -127,7 +127,7 @@ def test_the_weld_of_mujoco_does_not(tmp_path):
         mujoco.mj_step(model, data)
     mujoco.mj_forward(model, data)
     assert np.abs(_momentum(model, data) - momentum).max() > KEPT
-    assert max(_flown(bench, lambda: bench.held.step(step_s), step_s)[1]) < 0.1 * KEPT
+    assert max(_flown(bench, lambda: bench.grasped_motion.step(step_s), step_s)[1]) < 0.1 * KEPT
 
 
 def bench_xml(bench):
@@ -139,7 +139,7 @@ def bench_xml(bench):
         '<option gravity="0 0 0"/>',
         '<option gravity="0 0 0" integrator="RK4" timestep="0.001"><flag contact="disable"/></option>',
     )
-    held = bench.held
+    held = bench.grasped_motion
     pose = " ".join(repr(float(x)) for x in (*held.model.body_pos[held.root], *held.model.body_quat[held.root]))
     weld = f'<weld body1="hand" body2="target" relpose="{pose}" solref="0.002 1" solimp="0.9999 0.9999 0.001"/>'
     return text.replace("</mujoco>", f"<equality>{weld}</equality></mujoco>")
@@ -201,7 +201,7 @@ def test_the_load_is_what_holds_the_object(tmp_path, rng):
         bench.draw(rng)
         bench.capture()
         point = bench.sites.point(bench.data)
-        load = InterfaceLoad(bench.held, point, bench.data).now()
+        load = InterfaceLoad(bench.grasped_motion, point, bench.data).now()
         model, data, sites = bench.model, bench.data, bench.sites
         J = relative_twist_rows(model, data, sites.link, sites.root, point)
         mujoco.mj_forward(model, data)
@@ -227,7 +227,7 @@ def test_a_pose_snapped_to_the_sites_is_noticed(tmp_path, rng, monkeypatch):
     momentum = bench.momentum()
     bench.capture()
     for _ in range(10):
-        bench.held.step(1e-3)
+        bench.grasped_motion.step(1e-3)
     assert np.abs(bench.momentum() - momentum).max() > 1e-4
 
 
@@ -250,11 +250,13 @@ def test_joints_that_are_not_read_off_are_searched_for(tmp_path, rng):
     bench = Bench(tmp_path, FLAT_ARM, skewed)
     bench.draw(rng)
     bench.capture()
-    assert bench.held.placing.reading is None
-    assert type(bench.held.followed) is StateTransfer
+    assert bench.grasped_motion.placing.reading is None
+    assert type(bench.grasped_motion.followed) is StateTransfer
     for _ in range(20):
-        bench.held.step(1e-3)
-    np.testing.assert_allclose(bench.data.xpos[bench.sites.root], bench.held.data.xpos[bench.held.root], atol=1e-13)
+        bench.grasped_motion.step(1e-3)
+    np.testing.assert_allclose(
+        bench.data.xpos[bench.sites.root], bench.grasped_motion.data.xpos[bench.grasped_motion.root], atol=1e-13
+    )
     assert np.abs(bench.twist()).max() < 1e-12
 
 
@@ -263,8 +265,8 @@ def test_forces_of_contacts_are_no_part_of_what_presses_after_an_impact(tmp_path
     bench = Bench(tmp_path)
     bench.draw(np.random.default_rng(18))
     bench.capture()
-    bench.held.hold()
-    moving, rates = bench.held.data, 2.0 * np.array(bench.held.data.qvel)
+    bench.grasped_motion.hold()
+    moving, rates = bench.grasped_motion.data, 2.0 * np.array(bench.grasped_motion.data.qvel)
 
     def damper(data):
         data.qfrc_applied[:] -= 0.7 * data.qvel
@@ -272,14 +274,14 @@ def test_forces_of_contacts_are_no_part_of_what_presses_after_an_impact(tmp_path
     def contact(data):
         data.qfrc_applied[:] += 5.0
 
-    bench.held.push_with([damper], [contact])
+    bench.grasped_motion.push_with([damper], [contact])
     found = []
     for pushed in (0.0, 3.0):
         moving.qfrc_applied[:] = pushed
-        with rest_rule._without_contacts(bench.held, rates):
+        with rest_rule._without_contacts(bench.grasped_motion, rates):
             found.append(np.array(moving.qacc))
         assert (moving.qfrc_applied == pushed).all()
     np.testing.assert_array_equal(*found)
     moving.qvel[:], moving.qfrc_applied[:] = rates, -0.7 * rates
-    mujoco.mj_forward(bench.held.model, moving)
+    mujoco.mj_forward(bench.grasped_motion.model, moving)
     np.testing.assert_array_equal(found[0], moving.qacc)

@@ -81,7 +81,7 @@ def test_a_killed_run_tells_what_it_held(tmp_path, monkeypatch, capfd, part):
     said = capfd.readouterr().out
     assert "incomplete" in said
     assert ("capture grasp:" in said) == bool(grasps)
-    assert ("release grasp" in said) == bool(releases)
+    assert ("release of 'grasp'" in said) == bool(releases)
 
 
 @pytest.mark.long

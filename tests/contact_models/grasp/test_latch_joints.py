@@ -62,12 +62,12 @@ def test_closing_stops_what_the_latch_stops_and_no_more(tmp_path, rng, kind):
         bench.data.qvel[:] += found.change
         mujoco.mj_forward(bench.model, bench.data)
         after, twist = bench.data.qvel.copy(), bench.twist()
-        bench.held.hold()
+        bench.grasped_motion.hold()
         assert found.rank == STOPPED[kind]
         scale = 1.0 + np.abs(after).max()
         np.testing.assert_allclose(bench.data.qvel, after, rtol=0, atol=1e-13 * scale)
         np.testing.assert_allclose(bench.twist(), twist, rtol=0, atol=1e-13 * scale)
-        assert np.abs(bench.held.joints.stopped(bench.data) @ twist).max() <= 1e-13 * scale
+        assert np.abs(bench.grasped_motion.joints.stopped(bench.data) @ twist).max() <= 1e-13 * scale
         assert np.linalg.norm(twist) > 1e-3  # the free part goes on
         assert np.abs(bench.momentum() - momentum).max() <= 1e-14 * (1.0 + bench.moduli())
         # Masses of 8 kg and moments of 0.01 kg m^2: M is solved to some hundred roundings.
@@ -85,14 +85,14 @@ def test_accelerations_and_load_are_those_of_rows(tmp_path, rng, kind):
         bench.draw(rng)
         bench.capture()
         bench.data.ctrl[:] = rng.normal(size=2)
-        bench.held.step(1e-3)
-        bench.held.path.on_event_located()
+        bench.grasped_motion.step(1e-3)
+        bench.grasped_motion.path.on_event_located()
         acceleration, force = rows_in_a_stage(bench)
         scale = 1.0 + np.abs(acceleration).max()
         np.testing.assert_allclose(bench.data.qacc, acceleration, rtol=0, atol=1e-10 * scale)
-        load = InterfaceLoad(bench.held, bench.sites.point(bench.data), bench.data).now()
+        load = InterfaceLoad(bench.grasped_motion, bench.sites.point(bench.data), bench.data).now()
         np.testing.assert_allclose(load, force, rtol=0, atol=1e-10 * (1.0 + np.abs(force).max()))
-        stopped = bench.held.joints.stopped(bench.data)
+        stopped = bench.grasped_motion.joints.stopped(bench.data)
         np.testing.assert_allclose(stopped.T @ (stopped @ load), load, rtol=0, atol=1e-11 * (1.0 + np.abs(load).max()))
 
 
@@ -103,7 +103,7 @@ def rows_in_a_stage(bench):
     along, with u the relative velocity at P, and c . (alpha_b - alpha_a) - c . (w_a x w_ab) about.
     """
     model, data, sites = bench.model, bench.data, bench.sites
-    point, stopped = sites.point(data), bench.held.joints.stopped(data)
+    point, stopped = sites.point(data), bench.grasped_motion.joints.stopped(data)
     J, rate = relative_twist_rows(model, data, sites.link, sites.root, point), np.zeros((6, model.nv))
     for body, sign in ((sites.root, 1.0), (sites.link, -1.0)):
         part = np.empty((6, model.nv))
@@ -128,7 +128,7 @@ def test_the_latch_holds_exactly_and_nothing_is_lost(tmp_path, kind):
     bench = Bench(tmp_path, joint=LATCHES[kind], time_step_s=1e-3)
     bench.draw(np.random.default_rng(5), speed=0.5)
     bench.capture()
-    momentum, energy, held = bench.momentum(), bench.energy(), bench.held
+    momentum, energy, held = bench.momentum(), bench.energy(), bench.grasped_motion
     offset, turn = relative_pose(bench)
     coordinates = held.data.qpos[-1], held.joints._coordinates(bench.data)[-1][-1]
     assert coordinates[0] == pytest.approx(coordinates[1], abs=1e-14)
@@ -162,7 +162,7 @@ def test_any_later_state_gives_the_same_joints(tmp_path, rng, kind):
     bench = Bench(tmp_path, joint=LATCHES[kind])
     bench.draw(rng)
     bench.capture()
-    held, written = bench.held, ("body_pos", "body_quat", "jnt_pos", "jnt_axis")
+    held, written = bench.grasped_motion, ("body_pos", "body_quat", "jnt_pos", "jnt_axis")
     for _ in range(200):
         held.step(1e-3)
     before = {name: getattr(held.model, name).copy() for name in written}
@@ -181,8 +181,8 @@ def test_axes_that_differ_are_told_and_the_robots_counts(tmp_path, rng):
     frames = (bench.data.site_xmat[site].reshape(3, 3) for site in (bench.sites.robot, bench.sites.object))
     one, other = (frame @ AXIS for frame in frames)
     assert axis_angle_rad(bench.data, bench.sites, LATCHES["hinge"]) == pytest.approx(np.arccos(one @ other), abs=1e-12)
-    np.testing.assert_allclose(bench.held.data.xaxis[-1], one, rtol=0, atol=1e-14)
-    np.testing.assert_allclose(bench.held.data.xanchor[-1], bench.sites.point(bench.data), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(bench.grasped_motion.data.xaxis[-1], one, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(bench.grasped_motion.data.xanchor[-1], bench.sites.point(bench.data), rtol=0, atol=1e-14)
 
 
 def test_a_plane_has_a_hinge_across_it_and_no_ball(tmp_path):
@@ -202,6 +202,6 @@ def test_defaults_of_the_objects_file_are_not_for_the_latch(tmp_path):
     own = '<default><joint damping="3" armature="2" stiffness="5" range="-1 1" limited="true" ref="0.4"/></default>'
     target = LIGHT.replace("<worldbody>", f"{own}<worldbody>")
     bench = Bench(tmp_path, HEAVY, target, joint=LATCHES["cylindrical"])
-    model = bench.held.model
+    model = bench.grasped_motion.model
     assert not any(values.any() for values in (model.dof_damping, model.dof_armature, model.jnt_stiffness))
     assert not any(values[-2:].any() for values in (model.jnt_limited, model.qpos0))

@@ -81,8 +81,8 @@ def test_the_first_of_two_is_released_and_the_other_one_becomes_the_tree(tmp_pat
     bench.run(0.05, torques)
     before, momentum = bench.everything(), bench.momentum()
     bench.loops.open("r")
-    bench.held["r"].hold()
-    bench.integrator.bind(bench.held["r"])
+    bench.grasped_motion["r"].hold()
+    bench.integrator.bind(bench.grasped_motion["r"])
     # The pose of the object follows from that of the hand, and its rates from the twist: equal up to drift.
     np.testing.assert_allclose(bench.everything(), before, rtol=0, atol=1e-10)
     assert bench.integrator.motion.loops is None
@@ -104,10 +104,10 @@ def test_the_second_of_two_is_released(tmp_path):
     alone.data.qpos[:], alone.data.qvel[:] = bench.data.qpos, bench.data.qvel
     alone.data.time = bench.data.time
     mujoco.mj_forward(alone.system.mj, alone.data)
-    held = alone.held["l"]
+    held = alone.grasped_motion["l"]
     held.hold()
-    held.model.body_pos[held.root] = bench.held["l"].model.body_pos[held.root]
-    held.model.body_quat[held.root] = bench.held["l"].model.body_quat[held.root]
+    held.model.body_pos[held.root] = bench.grasped_motion["l"].model.body_pos[held.root]
+    held.model.body_quat[held.root] = bench.grasped_motion["l"].model.body_quat[held.root]
     alone.integrator.bind(held)
     held.sync_from_system()
     for each in (bench, alone):
@@ -186,7 +186,7 @@ def test_a_latch_from_logged_numbers_is_the_same_bit_by_bit(tmp_path):
     bench.close_further("r")
     again.close_first("l")
     again.loops.set_closed({"r": loop_latch(again.system, again.grasps["r"], pose)})
-    again.held["l"].go_to(bench.held["l"].data.qpos, bench.held["l"].data.qvel)
+    again.grasped_motion["l"].go_to(bench.grasped_motion["l"].data.qpos, bench.grasped_motion["l"].data.qvel)
     again.integrator.restart()
     for each in (bench, again):
         each.run(0.02, torques)

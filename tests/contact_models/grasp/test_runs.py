@@ -124,7 +124,7 @@ def test_a_grasp_that_never_closes_is_told_of_once_per_arming(tmp_path):
     assert run.summary()["near_misses"][0]["failed"] == "position_m"
     assert (first.failed_value, first.failed_bound) == (first.position_m, 0.05)
     report = run_report(run, ExplainedChecks(all_checks(run)))
-    assert f"near miss grasp: distance {first.position_m:.4g} m, bound 0.05 m ({first.least_ratio:.4g} times)" in report
+    assert f"near miss of 'grasp': distance {first.position_m:.4g} m, bound 0.05 m ({first.least_ratio:.4g} times)" in report
     assert run.grasps == ()
 
 
@@ -150,8 +150,10 @@ def test_a_miss_names_each_bound_that_failed(tmp_path):
     assert miss.failed_value == miss.speed_m_s == pytest.approx(1.0, abs=1e-12)
     (told,) = run.summary()["near_misses"]
     assert (told["failed"], told["failed_value"], told["failed_bound"]) == ("speed_m_s", miss.speed_m_s, 0.4)
-    (line,) = [line for line in run_report(run, ExplainedChecks(all_checks(run))).splitlines() if "near miss grasp" in line]
-    assert "near miss grasp: relative speed 1 m/s, bound 0.4 m/s (2.5 times); closest approach at t = " in line
+    (line,) = [
+        line for line in run_report(run, ExplainedChecks(all_checks(run))).splitlines() if "near miss of 'grasp'" in line
+    ]
+    assert "near miss of 'grasp': relative speed 1 m/s, bound 0.4 m/s (2.5 times); closest approach at t = " in line
     assert "distance" not in line
     asked = ["near_misses.0.failed", "near_misses.0.failed_value", "near_misses.0.failed_bound"]
     metrics = metric_values(run, asked)

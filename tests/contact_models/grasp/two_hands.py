@@ -98,7 +98,7 @@ class TwoHands:
             for side, name, kind in zip("lr", objects, joints, strict=True)
         }
         systems = {side: compile_system(*models, time_step_s=step_s, grasp=grasp) for side, grasp in self.grasps.items()}
-        self.held = {s: GraspedMotion(self.free, self.scene, systems[s], self.grasps[s]) for s in "lr"}
+        self.grasped_motion = {s: GraspedMotion(self.free, self.scene, systems[s], self.grasps[s]) for s in "lr"}
         self.data.qpos[7:13] = START
         for name, place in at.items():
             first = self.system.joints[f"{name}/free"].qpos.start
@@ -116,7 +116,7 @@ class TwoHands:
 
     def close_first(self, side):
         """Attach the object to a hand as a child body; returns the plastic impulse."""
-        held, sites = self.held[side], Sites(self.system, self.grasps[side])
+        held, sites = self.grasped_motion[side], Sites(self.system, self.grasps[side])
         stopped = held.joints.stopped(self.data)
         found = plastic_impulse(self.system.mj, self.data, sites.link, sites.root, sites.point(self.data), stopped)
         self.data.qvel[:] += found.change
@@ -165,7 +165,7 @@ class TwoHands:
         for side in "lr":
             site = self.system.index("site", self.grasps[side].object_site)
             if side == self.integrator.motion.grasp:
-                held = self.held[side]
+                held = self.grasped_motion[side]
                 loads[side] = InterfaceLoad(held, self.data.site_xpos[site], self.data, (self.loops,)).now()
             else:
                 loads[side] = self.loops.load(side)

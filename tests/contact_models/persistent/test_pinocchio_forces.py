@@ -75,7 +75,7 @@ def test_forces_and_accelerations_of_held_contacts(system, rng):
         here = RowEvaluator(motion, data, contact_points).rows()
         modes, points = FrictionModes(), tuple(contact_points)
         modes.set(points, np.full(2, SLIDE), np.zeros((2, 3)), np.zeros(2), *np.zeros((2, 2), dtype=bool))
-        stage, pushes = ContactEvaluation(points, here, force - data.qfrc_bias, modes.of(points)).stage_here()
+        stage, pushes = ContactEvaluation(points, here, force - data.qfrc_bias, modes.of(points)).present_stage()
         held = stage.forces
         ours = np.linalg.solve(mass_matrix(model, data), force - data.qfrc_bias + pushes)
 

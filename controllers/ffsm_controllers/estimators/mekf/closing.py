@@ -7,7 +7,7 @@ import numpy as np
 
 from ffsm_controllers.estimators.frames import Frame
 from ffsm_controllers.estimators.mekf.config import FloorConfig
-from ffsm_controllers.estimators.mekf.estimate import Estimate, Held, symmetric
+from ffsm_controllers.estimators.mekf.estimate import Estimate, GraspedPose, symmetric
 from ffsm_controllers.estimators.mekf.frame_measurement import FrameMeasurement
 from ffsm_controllers.estimators.mekf.grasped import GraspedScene
 from ffsm_controllers.estimators.mekf.joints import EncoderErrors
@@ -41,17 +41,17 @@ class GraspClosing:
             for kind, deviation in (("framequat", floor.attitude_rad), ("framepos", floor.position_m))
         ]
 
-    def apply(self, estimate: Estimate, pose: Held) -> None:
+    def apply(self, estimate: Estimate, pose: GraspedPose) -> None:
         """Close the grasp."""
         if self._scene.object is not None:
             self._place(estimate, pose)
-        estimate.held = pose
+        estimate.grasped = pose
         if self._scene.object is not None:
             self._join(estimate)
         self._scene.enter(estimate)
         self._scene.leave(estimate)
 
-    def _place(self, estimate: Estimate, pose: Held) -> None:
+    def _place(self, estimate: Estimate, pose: GraspedPose) -> None:
         """Use what is known of the pose of the object in the hand."""
         size, encoders = estimate.layout.size, self._encoders
         for (measurement, deviation), value in zip(self._measured, (pose.quaternion, pose.position_m), strict=True):

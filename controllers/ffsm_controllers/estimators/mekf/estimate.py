@@ -15,7 +15,7 @@ _SMALL_RAD = 1e-4
 """Below this the Jacobian of a rotation is its expansion, with an error of theta^2/24 in the first term."""
 
 
-class Held(NamedTuple):
+class GraspedPose(NamedTuple):
     """A closed grasp.
 
     Attributes:
@@ -37,14 +37,14 @@ class Estimate:
         data: MuJoCo data with coordinates and rates.
         biases: Biases of the gyros, rad/s.
         covariance: Covariance of the error state, (size, size).
-        held: The closed grasp; None: there is none.
+        grasped: The closed grasp; None: there is none.
     """
 
     def __init__(self, layout: Layout, data: Any, covariance: FloatArray) -> None:
         """Without biases and grasp."""
         self.layout, self.data, self.covariance = layout, data, covariance
         self.biases = np.zeros(3 * len(layout.biases))
-        self.held: Held | None = None
+        self.grasped: GraspedPose | None = None
 
     def correct(self, error: FloatArray) -> None:
         """Move the estimate by an estimated error, which then has zero mean again, (size,).

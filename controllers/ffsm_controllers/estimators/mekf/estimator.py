@@ -12,7 +12,7 @@ import numpy as np
 
 from ffsm_controllers.estimators.mekf.closing import GraspClosing
 from ffsm_controllers.estimators.mekf.config import InitialConfig, MekfConfig
-from ffsm_controllers.estimators.mekf.estimate import Estimate, Held
+from ffsm_controllers.estimators.mekf.estimate import Estimate, GraspedPose
 from ffsm_controllers.estimators.mekf.frame_measurement import KINDS, FrameMeasurement, measurement_of, missing_measurements
 from ffsm_controllers.estimators.mekf.grasped import GraspedScene
 from ffsm_controllers.estimators.mekf.history import Entry, History
@@ -38,9 +38,9 @@ from ffsm_mj.controller_protocol import (
     unknown_name,
 )
 
-_JOINTS, _FIRST_FRAME, _GIVEN, _JUMP = 0, 1, 8, 9
+_JOINTS, _FIRST_FRAME, _SET, _JUMP = 0, 1, 8, 9
 """Ranks of entries of one time: a sample at an impact is of the state before it."""
-_GIVEN_BEYOND = 1e-12
+_SET_BEYOND = 1e-12
 """An estimate that differs by more than this from what the filter left has been set by others."""
 
 
@@ -117,7 +117,7 @@ class Mekf(Stateful):
         for body in self._layout.bodies:
             deviations[body.error] = np.repeat(_initial(config, body), 3)
         estimate.covariance, estimate.biases = np.diag(deviations**2), np.zeros_like(estimate.biases)
-        estimate.held = None
+        estimate.grasped = None
         estimate.data.qpos[:], estimate.data.qvel[:], estimate.data.ctrl[:] = data.qpos, data.qvel, data.ctrl
         self._used_s.clear()
         for reading in self._joints:
@@ -131,7 +131,7 @@ class Mekf(Stateful):
 
     def update(self, time_s: float, measured: Mapping[str, Measurement], events: Sequence[Any], data: Any) -> None:
         """See :class:`~ffsm_mj.controller_protocol.Estimator`."""
-        new = [*self._given(data), *self._of_joints(measured), *self._of_frames(measured)]
+        new = [*self._set_entries(data), *self._of_joints(measured), *self._of_frames(measured)]
         new += [entry for event in events if (entry := self._of_event(event)) is not None]
         self._innovations = self._history.advance(time_s, data.ctrl, new)
         data.qpos[:], data.qvel[:] = self._estimate.data.qpos, self._estimate.data.qvel
@@ -171,7 +171,7 @@ class Mekf(Stateful):
         if kind == "grasp" and event.place > 1:
             raise ControllerError(f"the grasp {event.grasp!r} closes while another is closed: kind mekf knows one at a time")
         if kind == "grasp" and event.grasp in self._closings:
-            relative_pose = np.array(event.held_position_m), np.array(event.held_quaternion)
+            relative_pose = np.array(event.object_position_m), np.array(event.object_quaternion)
             return Entry(event.time_s, _JUMP, "grasp", (event.grasp,), relative_pose)
         if kind == "release":
             return Entry(event.time_s, _JUMP, "release", (event.grasp,))
@@ -190,7 +190,7 @@ class Mekf(Stateful):
             case "given":
                 self._begin_anew(estimate, self._layout.named(names[0]), *values)
             case "grasp":
-                self._closings[names[0]].apply(estimate, Held(names[0], *values))
+                self._closings[names[0]].apply(estimate, GraspedPose(names[0], *values))
             case "release":
                 _release(estimate, names[0])
             case "impact":
@@ -224,16 +224,16 @@ class Mekf(Stateful):
             noise += (slope[:, size:] * self._encoders.variances) @ slope[:, size:].T
         return update(estimate, innovation, slope[:, :size], noise, self._largest_nis)
 
-    def _given(self, data: Any) -> list[Entry]:
+    def _set_entries(self, data: Any) -> list[Entry]:
         """What others have set in the estimate since the last call."""
-        relative_pose = self._estimate.held
+        relative_pose = self._estimate.grasped
         following = (
             self._grasped[relative_pose.grasp].object if relative_pose is not None else None
         )  # it is known to rounding
         return [
             Entry(
                 self._history.time_s,
-                _GIVEN,
+                _SET,
                 "given",
                 (body.name,),
                 (data.qpos[body.qpos].copy(), data.qvel[body.dofs].copy()),
@@ -246,7 +246,7 @@ class Mekf(Stateful):
         """Whether the state of a body is not that which the filter has left."""
         left = self._estimate.data
         coordinates, rates = data.qpos[body.qpos] - left.qpos[body.qpos], data.qvel[body.dofs] - left.qvel[body.dofs]
-        return bool(max(np.abs(coordinates).max(), np.abs(rates).max()) > _GIVEN_BEYOND)
+        return bool(max(np.abs(coordinates).max(), np.abs(rates).max()) > _SET_BEYOND)
 
     def _begin_anew(self, estimate: Estimate, body: FloatingBody, pose: FloatArray, twist: FloatArray) -> None:
         """Let a body begin anew at a given state."""
@@ -259,8 +259,8 @@ class Mekf(Stateful):
 
 def _release(estimate: Estimate, grasp: str) -> None:
     """Let go of what a grasp holds: it begins with the errors that it had in the hand."""
-    if estimate.held is not None and estimate.held.grasp == grasp:
-        estimate.held = None
+    if estimate.grasped is not None and estimate.grasped.grasp == grasp:
+        estimate.grasped = None
 
 
 def _initial(config: MekfConfig, body: FloatingBody) -> tuple[float, float, float, float]:

@@ -122,11 +122,11 @@ def _turning(frame: FrameMotion, reference: FrameMotion) -> tuple[FloatArray, Fl
     )
 
 
-def _own_velocity(frame: FrameMotion, reference: FrameMotion) -> tuple[FloatArray, FloatArray]:  # noqa: ARG001
+def _velocimeter(frame: FrameMotion, reference: FrameMotion) -> tuple[FloatArray, FloatArray]:  # noqa: ARG001
     return frame.axes.T @ frame.velocity, frame.axes.T @ (frame.d_velocity + skew(frame.velocity) @ frame.d_axes)
 
 
-def _own_turning(frame: FrameMotion, reference: FrameMotion) -> tuple[FloatArray, FloatArray]:  # noqa: ARG001
+def _gyro(frame: FrameMotion, reference: FrameMotion) -> tuple[FloatArray, FloatArray]:  # noqa: ARG001
     return frame.axes.T @ frame.turning, frame.axes.T @ (frame.d_turning + skew(frame.turning) @ frame.d_axes)
 
 
@@ -134,9 +134,9 @@ _EXPECTED: dict[str, Callable[[FrameMotion, FrameMotion], tuple[FloatArray, Floa
     "framequat": _attitude,
     "framepos": _position,
     "framelinvel": _velocity,
-    "velocimeter": _own_velocity,
+    "velocimeter": _velocimeter,
     "frameangvel": _turning,
-    "gyro": _own_turning,
+    "gyro": _gyro,
 }
 
 

@@ -52,9 +52,12 @@ class GraspedScene:
 
     def enter(self, estimate: Estimate) -> Any:
         """Data of this system at an estimate; derived quantities are not updated."""
-        assert estimate.held is not None
+        assert estimate.grasped is not None
         (ours, theirs), (our_rates, their_rates) = self.shared
-        self.model.body_pos[self.root], self.model.body_quat[self.root] = estimate.held.position_m, estimate.held.quaternion
+        self.model.body_pos[self.root], self.model.body_quat[self.root] = (
+            estimate.grasped.position_m,
+            estimate.grasped.quaternion,
+        )
         self.data.qpos[theirs], self.data.qvel[their_rates] = estimate.data.qpos[ours], estimate.data.qvel[our_rates]
         self.data.ctrl[:] = estimate.data.ctrl
         return self.data

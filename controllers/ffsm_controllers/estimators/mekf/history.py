@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from ffsm_controllers.estimators.mekf.estimate import Estimate, Held
+from ffsm_controllers.estimators.mekf.estimate import Estimate, GraspedPose
 from ffsm_controllers.estimators.mekf.propagation import Propagation
 from ffsm_controllers.estimators.mekf.update import Innovation
 from ffsm_mj.controller_protocol import FloatArray, StateError, Stateful
@@ -44,7 +44,7 @@ class Knot(NamedTuple):
         qvel: Estimated rates, (nv,).
         biases: Estimated biases of gyros.
         covariance: Covariance of the error state.
-        held: The closed grasp.
+        grasped: The closed grasp.
     """
 
     time_s: float
@@ -54,7 +54,7 @@ class Knot(NamedTuple):
     qvel: FloatArray
     biases: FloatArray
     covariance: FloatArray
-    held: Held | None
+    grasped: GraspedPose | None
 
 
 class History(Stateful):
@@ -101,7 +101,10 @@ class History(Stateful):
         try:
             self._entries = [Entry(*entry) for entry in self._entries]
             self._knots = [Knot(*knot) for knot in self._knots]
-            self._knots = [knot._replace(held=Held(*knot.held)) if knot.held is not None else knot for knot in self._knots]
+            self._knots = [
+                knot._replace(grasped=GraspedPose(*knot.grasped)) if knot.grasped is not None else knot
+                for knot in self._knots
+            ]
             if self._knots:
                 self._return_to(self._knots[-1])
         except (TypeError, ValueError) as error:
@@ -155,12 +158,12 @@ class History(Stateful):
     def _knot(self, time_s: float, through_s: float, ctrl: FloatArray) -> Knot:
         estimate = self._estimate
         qpos, qvel = estimate.data.qpos.copy(), estimate.data.qvel.copy()
-        return Knot(time_s, through_s, ctrl, qpos, qvel, estimate.biases.copy(), estimate.covariance, estimate.held)
+        return Knot(time_s, through_s, ctrl, qpos, qvel, estimate.biases.copy(), estimate.covariance, estimate.grasped)
 
     def _return_to(self, knot: Knot) -> None:
         estimate = self._estimate
         estimate.data.qpos[:], estimate.data.qvel[:] = knot.qpos, knot.qvel
-        estimate.biases, estimate.covariance, estimate.held = knot.biases.copy(), knot.covariance, knot.held
+        estimate.biases, estimate.covariance, estimate.grasped = knot.biases.copy(), knot.covariance, knot.grasped
 
     def _forget(self, time_s: float) -> None:
         """Drop what no sample under way can change."""

@@ -38,7 +38,7 @@ def inflate(estimate: Estimate, names: Iterable[str], config: MekfConfig, graspe
 
 def _moving(bodies: list[FloatingBody], estimate: Estimate, grasped: Mapping[str, GraspedScene]) -> list[FloatingBody]:
     """Bodies whose errors are not those of others: the base of the robot in place of an object that it holds."""
-    if estimate.held is None or (scene := grasped[estimate.held.grasp]).object not in bodies:
+    if estimate.grasped is None or (scene := grasped[estimate.grasped.grasp]).object not in bodies:
         return bodies
     carrier = scene.carrier.name if scene.carrier is not None else ""
     return [body for body in estimate.layout.bodies if body.name == carrier or (body in bodies and body is not scene.object)]

@@ -65,17 +65,17 @@ class Propagation:
         if not duration_s > 0.0:
             return
         estimate.data.ctrl[:] = ctrl
-        if estimate.held is None:
+        if estimate.grasped is None:
             self._advance(estimate, Moving(self._model, estimate.data, self._layout.bodies), duration_s)
             return
-        scene = self._grasped[estimate.held.grasp]
+        scene = self._grasped[estimate.grasped.grasp]
         self._advance(estimate, Moving(scene.model, scene.enter(estimate), scene.bodies), duration_s)
         scene.leave(estimate)
 
     def follow(self, estimate: Estimate) -> None:
         """Let a grasped object follow the hand in an estimate that was changed."""
-        if estimate.held is not None:
-            scene = self._grasped[estimate.held.grasp]
+        if estimate.grasped is not None:
+            scene = self._grasped[estimate.grasped.grasp]
             scene.enter(estimate)
             scene.leave(estimate)
 

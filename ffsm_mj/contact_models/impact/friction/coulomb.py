@@ -67,8 +67,8 @@ def pyramid_impulses(
         block = directions[3 * i : 3 * i + 3, i * facets : (i + 1) * facets]
         block[1], block[2] = unit[i] * np.cos(angles), unit[i] * np.sin(angles)
     B = np.hstack((normals, directions))
-    given = np.zeros(3 * count)
-    given[::3] = least
+    base = np.zeros(3 * count)
+    base[::3] = least
     E = np.repeat(np.eye(count), facets, axis=0)
     M = np.block(
         [
@@ -76,9 +76,9 @@ def pyramid_impulses(
             [np.diag(mu), -E.T, np.zeros((count, count))],
         ]
     )
-    q = np.concatenate((B.T @ (u + G @ given) / speed, mu * least / (unit * speed)))
+    q = np.concatenate((B.T @ (u + G @ base) / speed, mu * least / (unit * speed)))
     z = lemke(M, q)
-    impulses: FloatArray = given + speed * (B @ z[: count * (1 + facets)])
+    impulses: FloatArray = base + speed * (B @ z[: count * (1 + facets)])
     return impulses.reshape(-1, 3)
 
 
@@ -293,12 +293,12 @@ def violation_of(contacts: CoulombProblem, impulses: FloatArray) -> tuple[FloatA
     count = len(contacts.mu)
     whole, normal = _split(contacts, impulses)
     closed = normal > contacts.least
-    held = np.where(closed, normal, contacts.least)
-    radius, length = contacts.mu * held, np.hypot(whole[:, 1], whole[:, 2])
+    length_n = np.where(closed, normal, contacts.least)
+    radius, length = contacts.mu * length_n, np.hypot(whole[:, 1], whole[:, 2])
     slides = (length > radius) | (radius <= 0.0)
     along = whole[:, 1:] / np.where(length > 0.0, length, 1.0)[:, None]
     projected = np.where(slides[:, None], radius[:, None] * along, whole[:, 1:])
-    F = impulses - np.column_stack((held, projected))
+    F = impulses - np.column_stack((length_n, projected))
     return (F * contacts.share).ravel(), _slopes(contacts, closed, slides, along, radius, length).reshape(3 * count, -1)
 
 
@@ -347,5 +347,5 @@ def coulomb_forces(G: FloatArray, b: FloatArray, mu: FloatArray, slips: FloatArr
     compliant = G @ along + _COMPLIANCE * float(G.diagonal()[::3].mean()) * np.eye(len(b))
     still = np.where(slides, 0.0, mu)
     contacts = CoulombProblem(compliant, b, still, np.zeros(len(mu)), scale, inertia=G)
-    found, residual = coulomb(contacts)
-    return (along @ found.ravel()).reshape(-1, 3), residual
+    forces, residual = coulomb(contacts)
+    return (along @ forces.ravel()).reshape(-1, 3), residual

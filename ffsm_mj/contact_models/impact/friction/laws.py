@@ -95,8 +95,8 @@ class _SeveralContacts:
         rows = (3 * which[:, None] + np.arange(3)).ravel()
         contacts = CoulombProblem(self.G[np.ix_(rows, rows)], u[rows], self.mu[which], least, self.speed)
         impulses = np.zeros((len(self.mu), 3))
-        found, residual = coulomb(contacts)
-        impulses[which] = shared(contacts, self.A[rows], found) if residual <= SOLVED else found
+        solved, residual = coulomb(contacts)
+        impulses[which] = shared(contacts, self.A[rows], solved) if residual <= SOLVED else solved
         self.residual = max(self.residual, residual)
         return impulses
 

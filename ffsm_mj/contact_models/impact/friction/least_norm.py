@@ -71,20 +71,20 @@ def _searched(projected: Projection, U: FloatArray, y: FloatArray, step: FloatAr
         lam = projected(x)[0]
         return float(lam @ x - 0.5 * (lam @ lam) - effect @ y), lam
 
-    here, lam = value(y)
+    dual, lam = value(y)
     slope = float((U.T @ lam - effect) @ step)
     share = 1.0
     for _ in range(_HALVINGS):
         # To rounding of the value any step near the solution is good.
-        if value(y + share * step)[0] <= here + 1e-4 * share * slope + 1e-15 * (1.0 + abs(here)):
+        if value(y + share * step)[0] <= dual + 1e-4 * share * slope + 1e-15 * (1.0 + abs(dual)):
             break
         share *= 0.5
     return np.asarray(y + share * step)
 
 
-def on_cones(given: FloatArray, mu: FloatArray, moved: FloatArray) -> tuple[FloatArray, FloatArray]:
+def on_cones(points: FloatArray, mu: FloatArray, moved: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Nearest forces inside cones with tips at ``-moved``, (k, 3), and derivatives by each given one, (k, 3, 3)."""
-    forces = given + moved
+    forces = points + moved
     n, t = forces[:, 0], np.hypot(forces[:, 1], forces[:, 2])
     inside, tip = t <= mu * n, mu * t <= -n
     onto = (n + mu * t) / (1.0 + mu * mu)
@@ -128,7 +128,7 @@ def shared(contacts: CoulombProblem, A: FloatArray, impulses: FloatArray) -> Flo
     unit = float(np.abs(impulses[closed]).max(initial=0.0))
     if unit == 0.0:
         return impulses
-    mu, least, given = contacts.mu[closed], contacts.least[closed] / unit, impulses[closed] / unit
+    mu, least, inside = contacts.mu[closed], contacts.least[closed] / unit, impulses[closed] / unit
     slips = after[closed, 1:]
     speeds = np.hypot(slips[:, 0], slips[:, 1])
     slides = (speeds > APPROACHING * contacts.speed) & (mu > 0.0)
@@ -144,11 +144,11 @@ def shared(contacts: CoulombProblem, A: FloatArray, impulses: FloatArray) -> Flo
     def projected(x: FloatArray) -> tuple[FloatArray, FloatArray]:
         return of_points(*_projected(x.reshape(-1, 3), mu, least, slides, rays))
 
-    found = least_norm_in(projected, U, U.T @ given.ravel())
-    if found is None:
+    nearest = least_norm_in(projected, U, U.T @ inside.ravel())
+    if nearest is None:
         return impulses
     result = impulses.copy()
-    result[closed] = [clip_to_cone(p, limit) for p, limit in zip(unit * found.reshape(-1, 3), mu, strict=True)]
+    result[closed] = [clip_to_cone(p, limit) for p, limit in zip(unit * nearest.reshape(-1, 3), mu, strict=True)]
     return result if np.abs(violation_of(contacts, result)[0]).max() <= APPROACHING else impulses
 
 
@@ -156,24 +156,24 @@ def _directions(slides: BoolArray, mu: FloatArray, rays: FloatArray) -> FloatArr
     """Orthonormal impulses that contacts can have: three that stick, one that slides or is without friction, (3k, m)."""
     columns: list[FloatArray] = []
     for i in range(len(mu)):
-        own = rays[i : i + 1] if slides[i] else np.eye(3)[: 3 if mu[i] > 0.0 else 1]
-        columns.extend(np.pad(each, (3 * i, 3 * (len(mu) - i - 1))) for each in own)
+        basis = rays[i : i + 1] if slides[i] else np.eye(3)[: 3 if mu[i] > 0.0 else 1]
+        columns.extend(np.pad(ray, (3 * i, 3 * (len(mu) - i - 1))) for ray in basis)
     return np.column_stack(columns)
 
 
 def _projected(
-    given: FloatArray, mu: FloatArray, least: FloatArray, slides: BoolArray, rays: FloatArray
+    impulses: FloatArray, mu: FloatArray, least: FloatArray, slides: BoolArray, rays: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Nearest impulses inside cones above the least normal ones, on rays for contacts that slide, and derivatives."""
-    moved = np.zeros_like(given)
+    moved = np.zeros_like(impulses)
     moved[:, 0] = np.where(mu > 0.0, _ROOM / np.where(mu > 0.0, mu, 1.0), 0.0)
-    lam, slope = on_cones(given, mu, moved)
-    length = np.sum(given * rays, axis=1)
+    lam, slope = on_cones(impulses, mu, moved)
+    length = np.sum(impulses * rays, axis=1)
     lam[slides] = (length[:, None] * rays)[slides]
     slope[slides] = (rays[:, :, None] * rays[:, None, :])[slides]
     for i in np.flatnonzero(lam[:, 0] < least):
         # The nearest point is in the plane of the least normal impulse: on the ray, or in the disc of friction.
-        radius, across = mu[i] * least[i] + _ROOM, given[i, 1:]
+        radius, across = mu[i] * least[i] + _ROOM, impulses[i, 1:]
         size = float(np.hypot(*across))
         if slides[i]:
             lam[i], slope[i] = rays[i] * (least[i] / rays[i, 0]), 0.0

@@ -16,7 +16,7 @@ from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact_models.impact.friction.coulomb import coulomb_forces, lemke
 from ffsm_mj.contact_models.impact.laws import least_norm, project
-from ffsm_mj.contact_models.persistent.friction.cones import cone_margin, in_accelerations, own_margin
+from ffsm_mj.contact_models.persistent.friction.cones import cone_margin, in_accelerations, margin_of
 from ffsm_mj.contact_models.persistent.friction.internal_forces import internal_forces
 from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK, unit_slips
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, Solution, StageEquation
@@ -95,13 +95,16 @@ class ModeChoice:
                     return kept
             # At rest friction may have any size and direction inside its cone: what such forces can hold sticks.
             kinds = np.where(states.slides | (self._problem.mu == 0.0), SLIDE, STICK)
-            held = self.evaluate(self._movable(kinds), self._directions(kinds))
-            if held.valid:
-                return self._without_idle(held)
+            closed = self.evaluate(self._movable(kinds), self._directions(kinds))
+            if closed.valid:
+                return self._without_idle(closed)
             # A point that slides may be the one that does not press: the others then hold without it.
             opened = np.where(states.slides, CLOSED, kinds)
-            if np.any(opened != kinds) and (found := self.evaluate(self._movable(opened), self._directions(opened))).valid:
-                return self._without_idle(found)
+            if (
+                np.any(opened != kinds)
+                and (solution := self.evaluate(self._movable(opened), self._directions(opened))).valid
+            ):
+                return self._without_idle(solution)
         return self._solved()
 
     @property
@@ -118,14 +121,14 @@ class ModeChoice:
         """Modes with points that no normal force can move closed."""
         return np.where(self._problem.movable_normals, kinds, CLOSED)
 
-    def _without_idle(self, found: Solution) -> Solution:
+    def _without_idle(self, solution: Solution) -> Solution:
         """The solution with points closed that carry no force, where that leaves all else as it is."""
-        load = np.abs(found.forces).max(axis=1) * self._problem.inverse_mass
-        idle = (found.kinds != CLOSED) & (load <= self._states.rounding)
+        load = np.abs(solution.forces).max(axis=1) * self._problem.inverse_mass
+        idle = (solution.kinds != CLOSED) & (load <= self._states.rounding)
         if not idle.any():
-            return found
-        closed = self.evaluate(np.where(idle, CLOSED, found.kinds), found.directions)
-        return closed if closed.valid else found
+            return solution
+        closed = self.evaluate(np.where(idle, CLOSED, solution.kinds), solution.directions)
+        return closed if closed.valid else solution
 
     def _directions(self, kinds: IntArray) -> FloatArray:
         """Directions of slip: along the slip of a point that slides, the present one at a point that begins to."""
@@ -138,10 +141,10 @@ class ModeChoice:
     def evaluate(self, kinds: IntArray, directions: FloatArray) -> Solution:
         """Forces in given modes, and whether these are valid."""
         key = kinds.tobytes(), directions.tobytes()
-        found = self._evaluated.get(key)
-        if found is None:
-            found = self._evaluated[key] = self._evaluate(kinds, directions)
-        return found
+        solution = self._evaluated.get(key)
+        if solution is None:
+            solution = self._evaluated[key] = self._evaluate(kinds, directions)
+        return solution
 
     def _evaluate(self, kinds: IntArray, directions: FloatArray) -> Solution:
         problem, states = self._problem, self._states
@@ -188,12 +191,12 @@ class ModeChoice:
         problem, sticks = self._problem, (kinds == STICK).nonzero()[0]
         if not len(sticks):
             return np.inf
-        here = forces[sticks], problem.mu[sticks], problem.inverse_mass[sticks], self._states.rounding[sticks]
-        own = own_margin(*here, float(np.abs(forces).max()))
+        sticking = forces[sticks], problem.mu[sticks], problem.inverse_mass[sticks], self._states.rounding[sticks]
+        margin = margin_of(*sticking, float(np.abs(forces).max()))
         # Forces of redundant points are not unique: they stick if any shares of the same effect lie inside all cones.
-        if own >= 0.0 or not problem.redundant(kinds):
-            return own
-        inertia, allowed = in_accelerations(*here[2:], float(np.abs(forces).max()))
+        if margin >= 0.0 or not problem.redundant(kinds):
+            return margin
+        inertia, allowed = in_accelerations(*sticking[2:], float(np.abs(forces).max()))
         return self._joint_margin(kinds, forces) * inertia + allowed
 
     def _joint_margin(self, kinds: IntArray, forces: FloatArray) -> float:
@@ -205,8 +208,8 @@ class ModeChoice:
         """Modes of points none of which has friction: those press that unilateral springs would make press."""
         problem = self._problem
         pushes = pressing_without_friction(problem) * problem.inverse_mass > self._states.rounding
-        found = self.evaluate(np.where(pushes, SLIDE, CLOSED), np.zeros_like(self._states.directions))
-        return found if found.valid else None
+        solution = self.evaluate(np.where(pushes, SLIDE, CLOSED), np.zeros_like(self._states.directions))
+        return solution if solution.valid else None
 
     def _solved(self) -> Solution:
         """Modes from a solution of Coulomb's conditions.
@@ -225,14 +228,14 @@ class ModeChoice:
         if not self._states.released:
             # The compliance in Newton's method leaves points a slip of rounding: those that can hold do.
             holding = np.where(self._still & (kinds == SLIDE) & (self._problem.mu > 0.0), STICK, kinds)
-            if np.any(holding != kinds) and (held := self.evaluate(holding, self._directions(holding))).valid:
-                return held
-        found = self._corrected(kinds, directions)
-        if found is None and np.all((self._problem.mu == 0.0) | ~self._still):
-            found = self._complementary()
-        if found is None:
+            if np.any(holding != kinds) and (closed := self.evaluate(holding, self._directions(holding))).valid:
+                return closed
+        solution = self._corrected(kinds, directions)
+        if solution is None and np.all((self._problem.mu == 0.0) | ~self._still):
+            solution = self._complementary()
+        if solution is None:
             raise NoModesError
-        return found
+        return solution
 
     def _complementary(self) -> Solution | None:
         """Modes of points that all slide: those that press, by Lemke's method for their normal forces.
@@ -248,8 +251,8 @@ class ModeChoice:
         pushes = lemke(G / unit, problem.b[3 * which] / self._scale) * self._scale
         kinds = np.full(len(self._still), CLOSED)
         kinds[which[pushes > self._states.rounding[which]]] = SLIDE
-        found = self.evaluate(kinds, np.where((kinds == SLIDE)[:, None], directions, 0.0))
-        return found if found.valid else None
+        solution = self.evaluate(kinds, np.where((kinds == SLIDE)[:, None], directions, 0.0))
+        return solution if solution.valid else None
 
     def _newton(self) -> tuple[FloatArray, float]:
         """Forces (n, t1, t2) that satisfy Coulomb's conditions with a small compliance, (k, 3), and their residual."""
@@ -285,31 +288,31 @@ class ModeChoice:
         free = np.flatnonzero(begins & ~self._problem.lines)
         if not len(free):
             return directions
-        found = StageEquation([self._problem], kinds, free, np.zeros((1, len(free), 2)), np.eye(1)).solve(directions[None])
-        return directions if found is None else found[1][0]
+        solved = StageEquation([self._problem], kinds, free, np.zeros((1, len(free), 2)), np.eye(1)).solve(directions[None])
+        return directions if solved is None else solved[1][0]
 
     def _corrected(self, kinds: IntArray, directions: FloatArray) -> Solution | None:
         """The solution in given modes, with modes corrected where they are not valid; None if none are found."""
         problem, states = self._problem, self._states
         for _ in range(_CORRECTIONS * len(kinds)):
-            found = self.evaluate(kinds, directions)
-            if found.valid:
-                return found
+            solution = self.evaluate(kinds, directions)
+            if solution.valid:
+                return solution
             kinds, directions = kinds.copy(), directions.copy()
             # As in an active-set method: a point that pulls opens, one that overlaps presses, one beyond its cone slides,
             # and one that would slide against its friction sticks.
-            pulls = (kinds != CLOSED) & (found.forces[:, 0] * problem.inverse_mass < -_OPENS * states.rounding)
-            overlaps = (kinds == CLOSED) & (found.accelerations[:, 0] < -_OPENS * states.rounding)
-            friction = np.hypot(found.forces[:, 1], found.forces[:, 2])
-            over = (kinds == STICK) & ~pulls & (friction > problem.mu * found.forces[:, 0])
+            pulls = (kinds != CLOSED) & (solution.forces[:, 0] * problem.inverse_mass < -_OPENS * states.rounding)
+            overlaps = (kinds == CLOSED) & (solution.accelerations[:, 0] < -_OPENS * states.rounding)
+            friction = np.hypot(solution.forces[:, 1], solution.forces[:, 2])
+            over = (kinds == STICK) & ~pulls & (friction > problem.mu * solution.forces[:, 0])
             back = (kinds == SLIDE) & self._still & (problem.mu > 0.0) & ~pulls
-            back &= np.sum(found.accelerations[:, 1:] * directions, axis=1) < -_SLIPS * self._scale
+            back &= np.sum(solution.accelerations[:, 1:] * directions, axis=1) < -_SLIPS * self._scale
             if not np.any(pulls | overlaps | over | back):
                 return None
             kinds[pulls], kinds[overlaps & problem.movable_normals] = CLOSED, STICK
             kinds[overlaps & (states.slides | (problem.mu == 0.0)) & problem.movable_normals] = SLIDE
             kinds[over], kinds[back] = SLIDE, STICK
-            directions[over] = -unit_slips(found.forces[over, 1:])
+            directions[over] = -unit_slips(solution.forces[over, 1:])
             moving = states.slides & (kinds == SLIDE)
             directions[moving] = self._directions(kinds)[moving]
             directions[kinds != SLIDE] = 0.0
@@ -325,7 +328,7 @@ def pressing_without_friction(problem: FrictionProblem) -> FloatArray:
     which, forces = np.flatnonzero(problem.movable_normals), np.zeros(len(problem.mu))
     if len(which):
         sizes, U = np.linalg.eigh(problem.G[np.ix_(3 * which, 3 * which)])
-        held = sizes > RANK * sizes[-1]
-        A = U[:, held] * np.sqrt(sizes[held])
-        forces[which] = least_norm(A, project(A, problem.b[3 * which] @ U[:, held] / np.sqrt(sizes[held])))
+        positive = sizes > RANK * sizes[-1]
+        A = U[:, positive] * np.sqrt(sizes[positive])
+        forces[which] = least_norm(A, project(A, problem.b[3 * which] @ U[:, positive] / np.sqrt(sizes[positive])))
     return forces

@@ -66,11 +66,11 @@ def _lapack() -> Any:
 
 def depth(forces: FloatArray, mu: FloatArray) -> float:
     """Least of mu lam_n - |lam_t| of some points, N."""
-    each = zip(mu.tolist(), forces.tolist(), strict=True)  # plain floats: of few numbers, these are faster than arrays
-    return float(min([limit * normal - math.hypot(*across) for limit, (normal, *across) in each]))
+    points = zip(mu.tolist(), forces.tolist(), strict=True)  # plain floats: of few numbers, these are faster than arrays
+    return float(min([limit * normal - math.hypot(*across) for limit, (normal, *across) in points]))
 
 
-def own_margin(forces: FloatArray, mu: FloatArray, inverse_mass: FloatArray, rounding: FloatArray, largest: float) -> float:
+def margin_of(forces: FloatArray, mu: FloatArray, inverse_mass: FloatArray, rounding: FloatArray, largest: float) -> float:
     """Least margin of sticking points to their own friction cones as an acceleration, m/s^2; negative outside.
 
     Args:
@@ -91,24 +91,24 @@ def in_accelerations(inverse_mass: FloatArray, rounding: FloatArray, largest: fl
     return inertia, ON_CONE * (largest * inertia + max(rounding.tolist()))
 
 
-def cone_margin(given: FloatArray, freedom: FloatArray, mu: FloatArray) -> float:
+def cone_margin(forces: FloatArray, freedom: FloatArray, mu: FloatArray) -> float:
     """Largest margin to the friction cones, N; at most ten times the largest given force.
 
     Args:
-        given: Forces (normal, t1, t2) of each contact with the required effect, N, (k, 3).
+        forces: Forces (normal, t1, t2) of each contact with the required effect, N, (k, 3).
         freedom: Orthonormal forces without effect, as columns, (3k, d).
         mu: Coefficient of friction of each contact, (k,); a contact with mu = 0 only needs a normal force >= 0.
     """
-    return largest_margin(given, freedom, mu)[0]
+    return largest_margin(forces, freedom, mu)[0]
 
 
 def largest_margin(
-    given: FloatArray, freedom: FloatArray, mu: FloatArray, weights: FloatArray | None = None
+    forces: FloatArray, freedom: FloatArray, mu: FloatArray, weights: FloatArray | None = None
 ) -> tuple[float, FloatArray]:
     """The same, and forces that have it, N, (k, 3); with weights, (k,), each contact keeps the margin times its weight."""
-    unit = float(np.abs(given).max())
+    unit = float(np.abs(forces).max())
     if unit == 0.0:
-        return 0.0, given
+        return 0.0, forces
     # s = h - A x in second-order cones, x = (y, m); the last cone bounds m.
     k, d = len(mu), freedom.shape[1]
     scale = np.ones((k, 3))
@@ -118,10 +118,10 @@ def largest_margin(
     A[:k, 0, d] = np.where(mu > 0.0, 1.0 if weights is None else weights, 0.0)
     A[k, 0, d] = 1.0
     h = np.zeros((k + 1, 3))
-    h[:k] = scale * given / unit
+    h[:k] = scale * forces / unit
     h[k, 0] = _CAP
     x = _largest(A.reshape(-1, d + 1), h)
-    return unit * float(x[-1]), given + unit * (freedom @ x[:-1]).reshape(k, 3)
+    return unit * float(x[-1]), forces + unit * (freedom @ x[:-1]).reshape(k, 3)
 
 
 def _largest(A: FloatArray, h: FloatArray) -> FloatArray:
@@ -202,7 +202,7 @@ def _divide(a: FloatArray, b: FloatArray) -> FloatArray:
 
 def _scaling(s: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Scaling W of Nesterov and Todd with W z = W^-1 s for each cone, and its inverse, (k, 3, 3) each."""
-    s_size, z_size = (np.sqrt(_determinant(each)) for each in (s, z))
+    s_size, z_size = (np.sqrt(_determinant(vector)) for vector in (s, z))
     s_unit, z_unit = s / s_size[:, None], z / z_size[:, None]
     gamma = np.sqrt(0.5 * (1.0 + np.sum(s_unit * z_unit, axis=1)))
     w = (s_unit + _MIRROR * z_unit) / (2.0 * gamma[:, None])

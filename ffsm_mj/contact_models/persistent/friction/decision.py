@@ -52,45 +52,45 @@ class Decision:
     """Contact forces and modes at one state; computed on demand.
 
     Attributes:
-        here: All closed contact points at the state.
+        evaluation: All closed contact points at the state.
         contact_points: The points.
         rows: Their states and rows.
     """
 
-    def __init__(self, here: ContactEvaluation, modes: FrictionModes) -> None:
+    def __init__(self, evaluation: ContactEvaluation, modes: FrictionModes) -> None:
         """Store the points.
 
         Args:
-            here: All closed contact points at the state.
+            evaluation: All closed contact points at the state.
             modes: Present modes.
         """
-        self.here, self.contact_points, self.rows = here, here.contact_points, here.rows
+        self.evaluation, self.contact_points, self.rows = evaluation, evaluation.contact_points, evaluation.rows
         self._modes, self._released, self._struck, self._stops = modes, modes.released, modes.struck, modes.stops
 
     def is_for(self, contact_points: tuple[ContactPoint, ...], modes: FrictionModes) -> bool:
         """Whether the decision is that of some points in some modes, after the same events; it may differ at one state."""
-        if self.contact_points != contact_points or self.here.modes is not modes.of(contact_points):
+        if self.contact_points != contact_points or self.evaluation.modes is not modes.of(contact_points):
             return False
         return (self._released, self._struck, self._stops) == (modes.released, modes.struck, modes.stops)
 
     @property
     def problem(self) -> FrictionProblem:
         """The problem of the accelerations of the points."""
-        return self.here.problem
+        return self.evaluation.problem
 
     @property
     def rounding(self) -> FloatArray:
         """Rounding of the accelerations of each point, m/s^2, (k,)."""
-        return self.here.rounding
+        return self.evaluation.rounding
 
     @cached_property
     def _sticking(self) -> Solution | None:
         """The solution if all points stick, and go on to do so without redistributing their forces."""
-        return None if self._released or self._struck else self.here.sticking()
+        return None if self._released or self._struck else self.evaluation.sticking()
 
     @cached_property
     def _choice(self) -> ModeChoice:
-        modes, slips = self.here.modes, self.rows.slips
+        modes, slips = self.evaluation.modes, self.rows.slips
         if modes.any_straight:
             slips = np.where(modes.straight[:, None], self._speeds[:, None] * self._at_start, slips)
         states = PointStates(slips, self._slides, modes.kinds, self._at_start, self.rounding, self._released)
@@ -99,12 +99,12 @@ class Decision:
     @cached_property
     def _at_start(self) -> FloatArray:
         """Directions of slip at the start of the step along (t1, t2), (k, 2)."""
-        return self.here.modes.start_directions(self.rows.axes)
+        return self.evaluation.modes.start_directions(self.rows.axes)
 
     @cached_property
     def _speeds(self) -> FloatArray:
         """Slip speeds, along the kept direction for points that go straight on to their stop, m/s, (k,)."""
-        u, modes = self.rows.slips, self.here.modes
+        u, modes = self.rows.slips, self.evaluation.modes
         speeds: FloatArray = np.hypot(u[:, 0], u[:, 1])
         if not modes.any_straight:
             return speeds
@@ -113,7 +113,7 @@ class Decision:
     @cached_property
     def _slides(self) -> BoolArray:
         """Points that slip, (k,)."""
-        modes = self.here.modes
+        modes = self.evaluation.modes
         if not self._struck and max(self._speeds.tolist()) <= modes.drift_m_s:
             return modes.nowhere
         slides = sliding(
@@ -160,8 +160,10 @@ class Decision:
         slides = np.flatnonzero(self._slides)
         if not len(slides):
             return ""
-        own = self.problem.G.reshape(len(self.rows.axes), 3, -1, 3)[slides, :, slides][:, 0]
-        apart = own[:, 0] - self.here.modes.mu[slides] * np.sum(own[:, 1:] * unit_slips(self.rows.slips[slides]), axis=1)
+        columns = self.problem.G.reshape(len(self.rows.axes), 3, -1, 3)[slides, :, slides][:, 0]
+        apart = columns[:, 0] - self.evaluation.modes.mu[slides] * np.sum(
+            columns[:, 1:] * unit_slips(self.rows.slips[slides]), axis=1
+        )
         least = int(np.argmin(apart))
         name, falls = self.contact_points[slides[least]].pair, self.problem.b[3 * slides[least]]
         return f"; sliding point of {name}: G_nn - mu G_nt = {apart[least]:.3g} 1/kg, gap'' without forces {falls:.3g} m/s^2"
@@ -191,7 +193,7 @@ class Decision:
     @cached_property
     def of_pairs(self) -> FrictionOfPairs:
         """Friction of the pairs with mu > 0 that carry force."""
-        return FrictionOfPairs(self.here, self.solution, self.friction, self._modes.estimates)
+        return FrictionOfPairs(self.evaluation, self.solution, self.friction, self._modes.estimates)
 
     @property
     def pressing(self) -> list[int]:
@@ -220,7 +222,7 @@ class Decision:
     @cached_property
     def _in_present_modes(self) -> tuple[Solution, float]:
         """Solution in the modes of the step, and least slip of sliding points along their direction at its start, m/s."""
-        modes = self.here.modes
+        modes = self.evaluation.modes
         if self._sticking is not None:
             return self._sticking, np.inf
         if not modes.any_slides:
@@ -262,7 +264,7 @@ class Decision:
     @property
     def changes_modes(self) -> bool:
         """Whether velocities or modes are others than in the step before."""
-        return self._struck or self.here.modes.kinds.tolist() != self.kinds.tolist()
+        return self._struck or self.evaluation.modes.kinds.tolist() != self.kinds.tolist()
 
     @property
     def in_present_modes(self) -> Solution:
@@ -271,7 +273,7 @@ class Decision:
 
     def changed_by(self, forces: FloatArray) -> Decision:
         """The same modes with the forces changed by (n, t1, t2), N, (k, 3)."""
-        other = Decision(self.here, self._modes)
+        other = Decision(self.evaluation, self._modes)
         other._sticking, other.solution = None, self.solution._replace(forces=self.solution.forces + forces)
         return other
 
@@ -282,7 +284,7 @@ class Decision:
         A step ends where the slip along its direction at the start is -_REVERSED_M_S. A log replay knows it to some 1e-14
         m/s, and finds it below zero, too.
         """
-        modes = self.here.modes
+        modes = self.evaluation.modes
         turned = np.sum(self.rows.slips * self._at_start, axis=1) < 0.0
         return np.asarray(modes.slides & (turned | ~self._slides) & (self.kinds == SLIDE))
 

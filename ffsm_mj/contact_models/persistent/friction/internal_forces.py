@@ -78,13 +78,13 @@ def least_use(
         group: Sticking points that share a load, see :func:`partners`.
         estimate: Such forces of these points at an earlier state, N, (m, 3): a first estimate.
     """
-    given, freedom, mu = forces[group], internal_forces(problem, group), problem.mu[group]
+    group_forces, freedom, mu = forces[group], internal_forces(problem, group), problem.mu[group]
     # Where points are wedged, internal forces may grow until any load is small beside them. The use then falls towards that
     # of the internal forces alone, which no forces of finite size reach.
-    least, inside = _use_of_internal(freedom, mu), given
+    least, inside = _use_of_internal(freedom, mu), group_forces
     if estimate is not None:
         # The estimate, with the effect of the given forces.
-        near = given + (freedom @ (freedom.T @ (estimate - given).ravel())).reshape(-1, 3)
+        near = group_forces + (freedom @ (freedom.T @ (estimate - group_forces).ravel())).reshape(-1, 3)
         if (ratio := max(limit_ratios(near, mu))) < least:
             least, inside = ratio, near
     return _least_ratio(freedom, mu, least, inside)
@@ -113,13 +113,13 @@ def _least_ratio(freedom: FloatArray, mu: FloatArray, least: float, inside: Floa
         least: A share that suffices, or that is not to be exceeded.
         inside: Forces of the effect, N, (m, 3); those that need the share, where it is known to suffice.
     """
-    given, weights = inside, _weights(mu * inside[:, 0])
+    start, weights = inside, _weights(mu * inside[:, 0])
     for _ in range(_REDUCTIONS):
-        found = largest_margin(given, freedom, least * mu, weights)[1]
-        ratio = max(limit_ratios(found, mu))
+        inside_cones = largest_margin(start, freedom, least * mu, weights)[1]
+        ratio = max(limit_ratios(inside_cones, mu))
         if ratio >= least * (1.0 - _REDUCED):
             break
-        least, inside, weights = ratio, found, _weights(mu * found[:, 0])
+        least, inside, weights = ratio, inside_cones, _weights(mu * inside_cones[:, 0])
     return least, inside
 
 
@@ -150,35 +150,35 @@ def shares_in_cones(problem: FrictionProblem, forces: FloatArray, sticks: IntArr
     Returns:
         Forces of the same effect, N, (k, 3): those given if they are inside the cones, or if no others are.
     """
-    given, mu = forces[sticks], problem.mu[sticks]
-    if not len(sticks) or depth(given, mu) >= -_OUTSIDE * float(np.abs(given).max()):
+    sticking, mu = forces[sticks], problem.mu[sticks]
+    if not len(sticks) or depth(sticking, mu) >= -_OUTSIDE * float(np.abs(sticking).max()):
         return forces
     freedom = internal_forces(problem, sticks)
     if not freedom.shape[1]:
         return forces
     shared = forces.copy()
-    shared[sticks] = least_in_cones(given, freedom, mu)
+    shared[sticks] = least_in_cones(sticking, freedom, mu)
     return shared
 
 
-def least_in_cones(given: FloatArray, freedom: FloatArray, mu: FloatArray) -> FloatArray:
+def least_in_cones(forces: FloatArray, freedom: FloatArray, mu: FloatArray) -> FloatArray:
     """Forces of least norm inside the friction cones with the effect of given ones, N, (k, 3).
 
     Where the cones leave no room, as when points are about to slip, they are those of the largest margin.
 
     Args:
-        given: Forces (n, t1, t2), N, (k, 3).
+        forces: Forces (n, t1, t2), N, (k, 3).
         freedom: Orthonormal forces without effect, as columns, (3k, d).
         mu: Coefficients of friction, (k,).
     """
-    unit = float(np.abs(given).max())
+    unit = float(np.abs(forces).max())
     # Without the forces that have no effect the given ones are those of least norm.
-    x = given.ravel() / unit
+    x = forces.ravel() / unit
     x = x - freedom @ (freedom.T @ x)
     moved = np.zeros((len(mu), 3))
     moved[:, 0] = np.where(mu > 0.0, _OUTSIDE / np.where(mu > 0.0, mu, 1.0), 0.0)
     U = np.linalg.svd(freedom, full_matrices=True)[0][:, freedom.shape[1] :]
-    found = least_norm_in(lambda lam: of_points(*on_cones(lam.reshape(-1, 3), mu, moved)), U, U.T @ x)
-    if found is not None:
-        return unit * found.reshape(-1, 3)
-    return largest_margin(given, freedom, mu)[1]
+    least = least_norm_in(lambda lam: of_points(*on_cones(lam.reshape(-1, 3), mu, moved)), U, U.T @ x)
+    if least is not None:
+        return unit * least.reshape(-1, 3)
+    return largest_margin(forces, freedom, mu)[1]

@@ -59,7 +59,7 @@ class PointModes:
         straight: Points so close to their stop that their direction of slip is kept until then, (k,).
         directed_at: Slips at which these directions were determined, m/s, (k,); infinite for points that are not straight.
         drifts: Points whose slip is drift: those that stick, begin to slide, or replace others that stick, (k,).
-        structures: Rows held in modes of the step, by the modes; see ``HeldRows``.
+        structures: Rows held in modes of the step, by the modes; see ``ActiveRows``.
         kept: The same of earlier steps in these modes.
         pairs: Pairs with friction and their points, which are consecutive.
     """
@@ -229,16 +229,16 @@ class FrictionModes:
         layers = self.layers if self.layers is not None and place.keys() >= set(self.layers.points) else None
         return self.State(
             (self.released, self.struck, self.stops),
-            sorted(place[each] for each in self.beginning if each in place),
-            sorted(place[each] for each in self.replacing if each in place),
+            sorted(place[point] for point in self.beginning if point in place),
+            sorted(place[point] for point in self.replacing if point in place),
             by_place(self._kinds),
-            by_place({contact: np.array(each) for contact, each in self._directions.items()}),
+            by_place({contact: np.array(direction) for contact, direction in self._directions.items()}),
             by_place(self._largest_slip),
             by_place(self._straight),
-            None if layers is None else ([place[each] for each in layers.points], *layers[1:]),
+            None if layers is None else ([place[point] for point in layers.points], *layers[1:]),
             [
-                ([place[each] for each in points], np.array(found))
-                for points, found in self.estimates.items()
+                ([place[point] for point in points], np.array(forces))
+                for points, forces in self.estimates.items()
                 if place.keys() >= set(points)
             ],
         )
@@ -250,30 +250,30 @@ class FrictionModes:
             state: Their state.
             contact_points: The points.
         """
-        told = entries(state, [each.name for each in fields(self.State)], "FrictionModes")
+        saved = entries(state, [field.name for field in fields(self.State)], "FrictionModes")
 
         def by_point(values: Mapping[int, Any]) -> dict[ContactPoint, Any]:
             return {contact_points[i]: value for i, value in values.items()}
 
         self.forget_structures()
-        self.released, self.struck, self.stops = told["flags"]
+        self.released, self.struck, self.stops = saved["flags"]
         self.beginning, self.replacing = (
-            frozenset(contact_points[i] for i in told[name]) for name in ("beginning", "replacing")
+            frozenset(contact_points[i] for i in saved[name]) for name in ("beginning", "replacing")
         )
-        self._kinds, self._directions = by_point(told["kinds"]), by_point(told["directions"])
-        self._largest_slip, self._straight = by_point(told["largest_slip"]), by_point(told["straight"])
+        self._kinds, self._directions = by_point(saved["kinds"]), by_point(saved["directions"])
+        self._largest_slip, self._straight = by_point(saved["largest_slip"]), by_point(saved["straight"])
         self.layers = None
-        if told["layers"] is not None:
-            of, *rest = told["layers"]
+        if saved["layers"] is not None:
+            of, *rest = saved["layers"]
             self.layers = Layers(tuple(contact_points[i] for i in of), *rest)
-        self.estimates = {tuple(contact_points[i] for i in points): found for points, found in told["estimates"]}
+        self.estimates = {tuple(contact_points[i] for i in points): forces for points, forces in saved["estimates"]}
 
     def of(self, contact_points: tuple[ContactPoint, ...]) -> PointModes:
         """Modes of some points; the same object until they change."""
-        found = self._of.get(contact_points)
-        if found is None:
-            found = self._of[contact_points] = self._collected(contact_points)
-        return found
+        modes = self._of.get(contact_points)
+        if modes is None:
+            modes = self._of[contact_points] = self._collected(contact_points)
+        return modes
 
     def _collected(self, contact_points: tuple[ContactPoint, ...]) -> PointModes:
         mu, nothing = np.array([contact.pair.mu for contact in contact_points]), np.zeros(3)
@@ -315,14 +315,14 @@ class FrictionModes:
             slides: Points that slip already; others only begin to slide, (k,).
             pinned: Sliding points that cannot slip while others stick; they keep the direction of their friction, (k,).
         """
-        before, held, straight, kept = self._largest_slip, self._kinds, self._straight, self._directions
+        before, kinds_before, straight, kept = self._largest_slip, self._kinds, self._straight, self._directions
         self.released = self.struck = self.stops = False
         self._straight, self.replacing = {}, frozenset()
         self.forget_structures()
         self._kinds = dict(zip(contact_points, kinds.tolist(), strict=True))
         begins = ((kinds == SLIDE) & ~slides).tolist()
         self.beginning = frozenset(
-            each for each, new in zip(contact_points, begins, strict=True) if new and each.pair.mu > 0.0
+            point for point, new in zip(contact_points, begins, strict=True) if new and point.pair.mu > 0.0
         )
         self._directions = dict(zip(contact_points, directions, strict=True))
         self._largest_slip = {}
@@ -331,7 +331,7 @@ class FrictionModes:
         ):
             if contact.pair.mu == 0.0:
                 continue
-            slid = held.get(contact) == SLIDE
+            slid = kinds_before.get(contact) == SLIDE
             # A stop is found by the share that is left of the largest slip: rounding of a velocity has no scale of its own.
             if slid and (slips_already or kind == STICK):  # or has just stopped
                 largest = self._largest_slip[contact] = max(before.get(contact, 0.0), slip)
@@ -429,12 +429,12 @@ class FrictionModes:
 
 def _with_friction(contact_points: Sequence[ContactPoint]) -> list[tuple[UnilateralConstraint, slice]]:
     """Pairs with friction and their points."""
-    found, end = list[tuple[UnilateralConstraint, slice]](), 0
+    runs, end = list[tuple[UnilateralConstraint, slice]](), 0
     for pair, points in groupby(contact_points, lambda contact: contact.pair):
         start, end = end, end + len(list(points))
         if pair.mu > 0.0:
-            found.append((pair, slice(start, end)))
-    return found
+            runs.append((pair, slice(start, end)))
+    return runs
 
 
 def sliding(

@@ -44,7 +44,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
-from ffsm_mj._core.forces import HeldForces
+from ffsm_mj._core.forces import ActiveForces
 from ffsm_mj._core.stages import Slide
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.cached_property import cached_property
@@ -59,12 +59,12 @@ if TYPE_CHECKING:
 
 NONE: IntArray = np.zeros(0, dtype=np.intp)
 """No indices."""
-HeldProblems: TypeAlias = dict[tuple[bytes, bytes], HeldForces]
+ForcesByModes: TypeAlias = dict[tuple[bytes, bytes], ActiveForces]
 """Linear problems of the same points at one state, by the modes and the rows held."""
 
 
 @dataclass(frozen=True, eq=False)
-class HeldRows:
+class ActiveRows:
     """The rows held by points in given modes; it stays the same for a step.
 
     Attributes:
@@ -80,9 +80,9 @@ class HeldRows:
     mu: FloatArray
 
     @classmethod
-    def of(cls, problem: FrictionProblem, kinds: IntArray) -> HeldRows:
+    def of(cls, problem: FrictionProblem, kinds: IntArray) -> ActiveRows:
         """Determine the rows in a problem."""
-        rows = problem.held_rows(kinds)
+        rows = problem.active_rows(kinds)
         slides = ((kinds == SLIDE) & (problem.mu > 0.0) & problem.movable_normals).nonzero()[0] if SLIDE in kinds else NONE
         return cls(3 * len(kinds), rows, slides, problem.mu)
 
@@ -97,7 +97,7 @@ class HeldRows:
         return np.searchsorted(self.rows, 3 * self.slides)
 
 
-Structures: TypeAlias = dict[bytes, HeldRows]
+Structures: TypeAlias = dict[bytes, ActiveRows]
 """Rows held by the same points in several modes, by the modes."""
 
 
@@ -145,7 +145,7 @@ class FrictionProblem:
         b: FloatArray,
         mu: FloatArray,
         structures: Structures | None = None,
-        held: HeldProblems | None = None,
+        active: ForcesByModes | None = None,
     ) -> None:
         """Set up the problem.
 
@@ -154,11 +154,11 @@ class FrictionProblem:
             b: See the attributes.
             mu: See the attributes.
             structures: Structures of modes found before in the same (sub-)step, for the same points; more are added.
-            held: Linear problems found before with the same G; more are added.
+            active: Linear problems found before with the same G; more are added.
         """
         self.G, self.b, self.mu = G, b, mu
         self._structures: Structures = {} if structures is None else structures
-        self._held: HeldProblems = {} if held is None else held
+        self._active: ForcesByModes = {} if active is None else active
         self._forces: dict[tuple[bytes, bytes], FloatArray] = {}
         self.inverse_mass: FloatArray = G.diagonal()[::3]
 
@@ -175,35 +175,35 @@ class FrictionProblem:
         """Points at which a normal force can move anything, (k,)."""
         return np.asarray(self._movable[:, 0])
 
-    def held_rows(self, kinds: IntArray) -> IntArray:
+    def active_rows(self, kinds: IntArray) -> IntArray:
         """Rows held by points in given modes; rows along which nothing can move are left out."""
         if set(kinds.tolist()) == {STICK}:
             return np.asarray(self._movable.ravel().nonzero()[0])
-        held = np.zeros((len(kinds), 3), dtype=np.bool_)
-        held[:, 0] = kinds != CLOSED
-        held[:, 1:] = (kinds == STICK)[:, None]
-        return np.asarray((held & self._movable).ravel().nonzero()[0])
+        active = np.zeros((len(kinds), 3), dtype=np.bool_)
+        active[:, 0] = kinds != CLOSED
+        active[:, 1:] = (kinds == STICK)[:, None]
+        return np.asarray((active & self._movable).ravel().nonzero()[0])
 
-    def structure(self, kinds: IntArray) -> HeldRows:
+    def structure(self, kinds: IntArray) -> ActiveRows:
         """The rows held in given modes."""
         key = kinds.tobytes()
-        found = self._structures.get(key)
-        if found is None:
-            found = self._structures[key] = HeldRows.of(self, kinds)
-        return found
+        known = self._structures.get(key)
+        if known is None:
+            known = self._structures[key] = ActiveRows.of(self, kinds)
+        return known
 
-    def held_in(self, kinds: IntArray) -> HeldForces:
+    def active_forces(self, kinds: IntArray) -> ActiveForces:
         """The linear problem in given modes."""
         structure = self.structure(kinds)
         key = kinds.tobytes(), structure.key
-        found = self._held.get(key)
-        if found is None:
-            found = self._held[key] = HeldForces(self, structure)
-        return found
+        active = self._active.get(key)
+        if active is None:
+            active = self._active[key] = ActiveForces(self, structure)
+        return active
 
     def redundant(self, kinds: IntArray) -> bool:
         """Whether the rows held in given modes depend on each other."""
-        return self.held_in(kinds).redundant
+        return self.active_forces(kinds).redundant
 
     def forces(self, kinds: IntArray, slips: FloatArray) -> FloatArray:
         """Forces (n, t1, t2) of each point in given modes, N, (k, 3).
@@ -213,14 +213,14 @@ class FrictionProblem:
             slips: Unit direction of slip of each sliding point along (t1, t2), (k, 2); zero without friction.
         """
         key = kinds.tobytes(), slips.tobytes()
-        found = self._forces.get(key)
-        if found is None:
-            found = self._forces[key] = self.held_in(kinds).forces(self.b, slips)
-        return found
+        known = self._forces.get(key)
+        if known is None:
+            known = self._forces[key] = self.active_forces(kinds).forces(self.b, slips)
+        return known
 
     def is_regular(self, kinds: IntArray, slips: FloatArray) -> bool:
         """Whether normal forces push apart what slides: not beyond Painleve's paradox, where D = G_nn - mu G_nt s <= 0."""
-        return not len(self.structure(kinds).slides) or self.held_in(kinds).is_regular(slips)
+        return not len(self.structure(kinds).slides) or self.active_forces(kinds).is_regular(slips)
 
     def responses_to_turns(self, kinds: IntArray, slips: FloatArray, points: IntArray, forces: FloatArray) -> FloatArray:
         """Changes of forces per rad by which the directions of slip of some points turn, N, (k, 3, m).
@@ -231,10 +231,10 @@ class FrictionProblem:
             points: The points that turn, (m,).
             forces: Forces in these modes, N, (k, 3).
         """
-        held = self.held_in(kinds)
-        held.turn_to(slips)
+        active = self.active_forces(kinds)
+        active.turn_to(slips)
         across = np.stack((-slips[points, 1], slips[points, 0]), axis=1)
-        return held.responses_to_turns(points, across, forces[points, 0]).reshape(-1, 3, len(points))
+        return active.responses_to_turns(points, across, forces[points, 0]).reshape(-1, 3, len(points))
 
     @cached_property
     def _tangent_blocks(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -268,13 +268,13 @@ class FrictionProblem:
 
         So it is where two points of a body stick and the load of a third one, which is redundant, is at its limit.
         """
-        found = np.zeros(len(kinds), dtype=np.bool_)
+        decided_points = np.zeros(len(kinds), dtype=np.bool_)
         if STICK not in kinds or not len((structure := self.structure(kinds)).slides):
-            return found
+            return decided_points
         across = (3 * structure.slides[:, None] + np.array((1, 2))).ravel()
-        decided = self.held_in(kinds).decide(self.G[np.ix_(across, structure.rows)], self.G.diagonal()[across])
-        found[structure.slides] = decided.reshape(-1, 2).all(axis=1)
-        return found
+        decided = self.active_forces(kinds).decide(self.G[np.ix_(across, structure.rows)], self.G.diagonal()[across])
+        decided_points[structure.slides] = decided.reshape(-1, 2).all(axis=1)
+        return decided_points
 
     def virtual_shares(self, kinds: IntArray, forces: FloatArray) -> FloatArray:
         """Normal forces of springs like those of the held points, at points without force, N, (k,).
@@ -284,9 +284,9 @@ class FrictionProblem:
         closed, shares = np.flatnonzero(kinds == CLOSED), np.zeros(len(kinds))
         if len(closed) and len(self.structure(kinds).rows):
             rows = self.G[np.ix_(3 * closed, self.structure(kinds).rows)]
-            held = self.held_in(kinds)
-            decided = held.decide(rows, self.inverse_mass[closed])
-            shares[closed] = np.where(decided, held.springs(rows, forces), 0.0)
+            active = self.active_forces(kinds)
+            decided = active.decide(rows, self.inverse_mass[closed])
+            shares[closed] = np.where(decided, active.springs(rows, forces), 0.0)
         return shares
 
 
@@ -348,7 +348,7 @@ class StageEquation:
             weights: Coefficients W, s, (n, n).
         """
         self._problems, self._free, self._p, self._weights = problems, free, p, weights
-        self._held = [problem.held_in(kinds) for problem in problems]
+        self._active = [problem.active_forces(kinds) for problem in problems]
         self._across = 3 * free[:, None] + np.array((1, 2))
         largest = max(float(np.abs(problem.b).max(initial=0.0)) for problem in problems)
         terms = float(np.abs(weights).max()) * largest + float(np.abs(p).max(initial=0.0))
@@ -361,9 +361,9 @@ class StageEquation:
             directions: Directions of slip, a first estimate for free points, (n, k, 2).
         """
         # Where several points slow each other down a bad estimate may lead nowhere; none at all does better there.
-        found = self._from(directions.copy())
-        if found is not None:
-            return found
+        solution = self._from(directions.copy())
+        if solution is not None:
+            return solution
         nowhere = directions.copy()
         nowhere[:, self._free] = 0.0
         return self._from(nowhere)
@@ -371,15 +371,15 @@ class StageEquation:
     def _from(self, s: FloatArray) -> tuple[list[FloatArray], FloatArray] | None:
         """The same by Newton's method from an estimate, which changes."""
         forces, reached = self._slips(s)
-        taken = self._taken(forces)
-        z, step = reached + taken[:, :, None] * s[:, self._free], np.zeros_like(reached)
+        factors = self._factors(forces)
+        z, step = reached + factors[:, :, None] * s[:, self._free], np.zeros_like(reached)
         before, halved = math.inf, 0
         for _ in range(_STEPS + _HALVINGS):
             size = np.hypot(z[..., 0], z[..., 1])
-            slides, bound = size > taken, np.maximum(size, taken)[..., None]
+            slides, bound = size > factors, np.maximum(size, factors)[..., None]
             along = s[:, self._free] = z / bound
             forces, reached = self._slips(s)
-            residual = reached + taken[..., None] * along - z
+            residual = reached + factors[..., None] * along - z
             error = float(np.abs(residual).max())
             if error <= self._rounding or (error >= 0.5 * before and error <= _CANCELS * self._rounding):
                 return (forces, s) if slides.all() else None
@@ -389,54 +389,54 @@ class StageEquation:
                 continue
             halved, before = 0, error
             # Of a point that friction stops d is linear in z.
-            slope = self._slope(forces, np.where(slides[..., None], along, 0.0), bound, taken)
+            slope = self._slope(forces, np.where(slides[..., None], along, 0.0), bound, factors)
             step = solved(np.eye(len(slope)) - slope, residual.ravel()).reshape(z.shape)
             z = z + step
         return None
 
-    def _taken(self, forces: list[FloatArray]) -> FloatArray:
+    def _factors(self, forces: list[FloatArray]) -> FloatArray:
         """The factors k, m/s, (n, m)."""
-        found, free = [], self._free
+        factors, free = [], self._free
         for weight, problem, at in zip(self._weights.diagonal(), self._problems, forces, strict=True):
             normal = np.maximum(at[free, 0], _LEAST_LOAD * np.abs(at[:, 0]).max())
-            found.append(weight * problem.mu[free] * normal * problem.tangent_inverse_mass[free])
-        return np.array(found)
+            factors.append(weight * problem.mu[free] * normal * problem.tangent_inverse_mass[free])
+        return np.array(factors)
 
-    def _slope(self, forces: list[FloatArray], unit: FloatArray, bound: FloatArray, taken: FloatArray) -> FloatArray:
+    def _slope(self, forces: list[FloatArray], unit: FloatArray, bound: FloatArray, factors: FloatArray) -> FloatArray:
         """Derivative of u + k d by z, (2nm, 2nm), where that of d is (1 - unit unit^T) / bound."""
         n, m, points = len(self._problems), len(self._free), np.repeat(self._free, 2)
         axes, size = np.tile(np.eye(2), (m, 1)), 2 * m
         slope = np.zeros((n * size, n, m, 2))
-        for j, (problem, held, at) in enumerate(zip(self._problems, self._held, forces, strict=True)):
-            changes = problem.G[self._across.ravel()].dot(held.responses_to_turns(points, axes, at[points, 0]))
+        for j, (problem, active, at) in enumerate(zip(self._problems, self._active, forces, strict=True)):
+            changes = problem.G[self._across.ravel()].dot(active.responses_to_turns(points, axes, at[points, 0]))
             slope[:, j] = np.kron(self._weights[:, j : j + 1], changes).reshape(-1, m, 2)
-        slope.reshape(n * size, n * size)[np.diag_indices(n * size)] += np.repeat(taken, 2)
+        slope.reshape(n * size, n * size)[np.diag_indices(n * size)] += np.repeat(factors, 2)
         slope = (slope - np.sum(slope * unit, axis=3)[..., None] * unit) / bound
         return np.asarray(slope.reshape(n * size, n * size))
 
     def _slips(self, directions: FloatArray) -> tuple[list[FloatArray], FloatArray]:
         """Forces under friction against some directions, N, (k, 3), and the slips of free points that follow, (n, m, 2)."""
         forces, rates = [], []
-        for problem, held, s in zip(self._problems, self._held, directions, strict=True):
-            forces.append(held.forces(problem.b, s))
+        for problem, active, s in zip(self._problems, self._active, directions, strict=True):
+            forces.append(active.forces(problem.b, s))
             rates.append(problem.b[self._across] + problem.G[self._across].dot(forces[-1].ravel()))
         return forces, self._p + np.tensordot(self._weights, np.array(rates), 1)
 
 
-def stage_of(here: ContactEvaluation, directions: FloatArray | None = None) -> tuple[Stage, FloatArray]:
+def stage_of(evaluation: ContactEvaluation, directions: FloatArray | None = None) -> tuple[Stage, FloatArray]:
     """Contact forces in a stage.
 
     Args:
-        here: The points that slide or stick, at the state of the stage.
+        evaluation: The points that slide or stick, at the state of the stage.
         directions: Directions of slip along the tangents, (k, 2); None for those of the slips at the state.
 
     Returns:
         The stage, and the generalised contact forces, (nv,).
     """
-    rows, modes = here.rows, here.modes
+    rows, modes = evaluation.rows, evaluation.modes
     if directions is None or not modes.any_slides:
-        return here.stage_here()
-    forces, u = here.problem.forces(modes.kinds, directions), rows.slips
+        return evaluation.present_stage()
+    forces, u = evaluation.problem.forces(modes.kinds, directions), rows.slips
     along = forces.reshape(-1)
     generalised = along.dot(rows.J)
     heat = -np.sum(forces[:, 1:] * u, axis=1) * modes.slides
@@ -444,17 +444,17 @@ def stage_of(here: ContactEvaluation, directions: FloatArray | None = None) -> t
     return Stage(rows, along, generalised * rows.qvel, Slide(heat, slip_speeds)), generalised
 
 
-def _directions_at(here: ContactEvaluation) -> tuple[FloatArray, FloatArray]:
+def _directions_at(evaluation: ContactEvaluation) -> tuple[FloatArray, FloatArray]:
     """Directions of slip at a state, and at the start of the step, along the tangents, (k, 2)."""
-    rows, modes = here.rows, here.modes
+    rows, modes = evaluation.rows, evaluation.modes
     at_start = modes.start_directions(rows.axes)
-    return slip_directions(here.problem, rows.slips, at_start, modes.slides, modes.straight)[0], at_start
+    return slip_directions(evaluation.problem, rows.slips, at_start, modes.slides, modes.straight)[0], at_start
 
 
 class _Node(NamedTuple):
     """The points at a node, the directions of slip assumed there, (k, 2), and the forces (n, t1, t2), N, (k, 3)."""
 
-    here: ContactEvaluation
+    evaluation: ContactEvaluation
     directions: FloatArray
     forces: FloatArray
 
@@ -465,27 +465,27 @@ class ImplicitSlips:
     See :class:`~ffsm_mj.dynamics.implicit_stages.StiffForces`.
     """
 
-    def __init__(self, here: ContactEvaluation) -> None:
+    def __init__(self, evaluation: ContactEvaluation) -> None:
         """Begin at the first evaluation of the first node."""
-        modes, self._first = here.modes, here
-        self._free: IntArray = np.flatnonzero(modes.slides & ~here.problem.lines & ~modes.straight)
+        modes, self._first = evaluation.modes, evaluation
+        self._free: IntArray = np.flatnonzero(modes.slides & ~evaluation.problem.lines & ~modes.straight)
         self._nodes: dict[int, _Node] = {}
 
-    def stage_of(self, here: ContactEvaluation, node: int) -> tuple[Stage, FloatArray]:
+    def stage_of(self, evaluation: ContactEvaluation, node: int) -> tuple[Stage, FloatArray]:
         """Contact forces in a node, with the directions of slip that were found last; see :func:`stage_of`."""
-        known, (directions, at_start) = self._nodes.get(node), _directions_at(here)
+        known, (directions, at_start) = self._nodes.get(node), _directions_at(evaluation)
         # Slip at the start of a slide is rounding without direction; that of its start is the estimate.
         directions[self._free] = (at_start if known is None else known.directions)[self._free]
-        stage, generalised = stage_of(here, directions)
+        stage, generalised = stage_of(evaluation, directions)
         if len(self._free):
-            self._nodes[node] = _Node(here, directions, stage.along.reshape(-1, 3))
+            self._nodes[node] = _Node(evaluation, directions, stage.along.reshape(-1, 3))
         return stage, generalised
 
-    def held(self) -> tuple[FloatArray, FloatArray]:
+    def active_rows(self) -> tuple[FloatArray, FloatArray]:
         """Rows that are held at the first evaluation, and accelerations by forces along them without, (n, nv) each."""
-        here = self._first
-        which = here.problem.held_rows(here.modes.kinds)
-        return here.rows.J[which], here.rows.response[which]
+        evaluation = self._first
+        which = evaluation.problem.active_rows(evaluation.modes.kinds)
+        return evaluation.rows.J[which], evaluation.rows.response[which]
 
     def corrections(self, step: ImplicitStep, accelerations: FloatArray) -> FloatArray | None:
         """Changes of the accelerations with the directions of slip that solve the equations of the step."""
@@ -494,19 +494,19 @@ class ImplicitSlips:
             return np.zeros_like(accelerations)
         velocities, m = step.start_rates + step.weights.dot(accelerations), len(free)
         across = (3 * free[:, None] + np.array((1, 2))).ravel()
-        slips = np.array([node.here.rows.J[across].dot(qvel) for node, qvel in zip(nodes, velocities, strict=True)])
-        problems = [node.here.problem for node in nodes]
+        slips = np.array([node.evaluation.rows.J[across].dot(qvel) for node, qvel in zip(nodes, velocities, strict=True)])
+        problems = [node.evaluation.problem for node in nodes]
         rates = [
             problem.b[across] + problem.G[across].dot(node.forces.ravel())
             for problem, node in zip(problems, nodes, strict=True)
         ]
         p = (slips - step.weights.dot(np.array(rates))).reshape(-1, m, 2)
-        equation = StageEquation(problems, nodes[0].here.modes.kinds, free, p, step.weights)
-        found = equation.solve(np.array([node.directions for node in nodes]))
-        if found is None:
+        equation = StageEquation(problems, nodes[0].evaluation.modes.kinds, free, p, step.weights)
+        solution = equation.solve(np.array([node.directions for node in nodes]))
+        if solution is None:
             return None
         changes = []
-        for i, (node, forces, directions) in enumerate(zip(nodes, *found, strict=True)):
+        for i, (node, forces, directions) in enumerate(zip(nodes, *solution, strict=True)):
             self._nodes[i] = node._replace(directions=directions)
-            changes.append((forces - node.forces).ravel().dot(node.here.rows.response))
+            changes.append((forces - node.forces).ravel().dot(node.evaluation.rows.response))
         return np.array(changes)

@@ -77,7 +77,7 @@ class FrictionOfPairs:
 
     def __init__(
         self,
-        here: ContactEvaluation,
+        evaluation: ContactEvaluation,
         solution: Solution,
         friction: FloatArray,
         estimates: dict[tuple[ContactPoint, ...], FloatArray],
@@ -85,19 +85,19 @@ class FrictionOfPairs:
         """Sum over the points of each pair.
 
         Args:
-            here: All closed contact points.
+            evaluation: All closed contact points.
             solution: Solution of their problem.
             friction: Friction forces, world axes, N, (k, 3).
             estimates: Forces with the least use found before, by the points that share a load; those found are stored.
         """
-        self._here, self._estimates, self._solution = here, estimates, solution
+        self._evaluation, self._estimates, self._solution = evaluation, estimates, solution
         self._least_uses: dict[tuple[ContactPoint, ...], float] = {}
         kinds = self._kinds = solution.kinds.tolist()
-        self._ratios = here.limit_ratios(solution.forces)
+        self._ratios = evaluation.limit_ratios(solution.forces)
         self._largest = max([ratio for ratio, kind in zip(self._ratios, kinds, strict=True) if kind == STICK], default=0.0)
         self.by_pair = {
             pair: self._of_points(part, friction)
-            for pair, part in here.modes.pairs
+            for pair, part in evaluation.modes.pairs
             if any(kinds[part])  # not CLOSED
         }
 
@@ -111,7 +111,7 @@ class FrictionOfPairs:
         force: FloatArray = np.add.reduce(friction[part])
         if SLIDE not in self._kinds[part]:
             return PairFriction(False, force, np.zeros(3), self._use(part))
-        rows = self._here.rows
+        rows = self._evaluation.rows
         sliding = [i for i in range(part.start, part.stop) if self._kinds[i] == SLIDE]
         slips = rows.across(rows.slips)[sliding]
         return PairFriction(True, force, slips[int(np.argmax(np.linalg.norm(slips, axis=1)))], 1.0)
@@ -124,12 +124,12 @@ class FrictionOfPairs:
         """
         if self._largest <= 1.0:
             return max(self._ratios[part])
-        problem, contact_points = self._here.problem, self._here.contact_points
+        problem, contact_points = self._evaluation.problem, self._evaluation.contact_points
         group = partners(problem, self._sticks, self._first(part))
         points = tuple([contact_points[i] for i in group.tolist()])
         if points not in self._least_uses:  # pairs may share a load
-            found = least_use(problem, self._solution.forces, group, self._estimates.get(points))
-            self._least_uses[points], self._estimates[points] = found
+            estimate = least_use(problem, self._solution.forces, group, self._estimates.get(points))
+            self._least_uses[points], self._estimates[points] = estimate
         return self._least_uses[points]
 
     def _first(self, part: slice) -> int:
@@ -138,11 +138,11 @@ class FrictionOfPairs:
 
     def is_wedged(self, pair: UnilateralConstraint) -> bool:
         """Whether a pair is wedged: forces inside the friction cones hold it without any load."""
-        found = self.by_pair.get(pair)
+        friction = self.by_pair.get(pair)
         return (
-            found is not None
-            and not found.slides
-            and wedged(self._here.problem, self._sticks, self._first(dict(self._here.modes.pairs)[pair]))
+            friction is not None
+            and not friction.slides
+            and wedged(self._evaluation.problem, self._sticks, self._first(dict(self._evaluation.modes.pairs)[pair]))
         )
 
 

@@ -25,7 +25,7 @@ from ffsm_mj.validation.cases.seed_paper.runs import (
     VELOCITY,
     Result,
     decided_runs,
-    held_runs,
+    hold_runs,
     paper_run,
     tip_state,
 )
@@ -227,7 +227,7 @@ def _study(results: Results) -> str:
     rows = []
     for scenario, key, name, digits in _STUDIED:
         cells = [f"{scenario}: {name}"]
-        for runs in (held_runs(scenario), decided_runs(scenario)):
+        for runs in (hold_runs(scenario), decided_runs(scenario)):
             values = [results[run].values[key] for run in runs]
             cells += [*(fixed(value, digits) for value in values), small(max(values) - min(values))]
         rows.append(cells)

@@ -193,7 +193,7 @@ LONG_RUNS = {
 }
 
 
-def held_runs(scenario: str) -> tuple[PaperRun, ...]:
+def hold_runs(scenario: str) -> tuple[PaperRun, ...]:
     """Runs over the step sizes with the control period of the paper, its 1 ms first."""
     return tuple(paper_run(scenario, step) for step in STEPS_S)
 
@@ -206,7 +206,7 @@ def decided_runs(scenario: str) -> tuple[PaperRun, ...]:
 def all_runs() -> tuple[PaperRun, ...]:
     """Every run of the page, the long ones first so that no core idles at the end."""
     decided = [run for name in SCENARIOS for run in decided_runs(name)[1:]]
-    return (*LONG_RUNS.values(), *reversed(decided), THRESHOLD, VELOCITY, *(r for s in SCENARIOS for r in held_runs(s)))
+    return (*LONG_RUNS.values(), *reversed(decided), THRESHOLD, VELOCITY, *(r for s in SCENARIOS for r in hold_runs(s)))
 
 
 def perform(paper: PaperRun) -> Result:
@@ -214,8 +214,8 @@ def perform(paper: PaperRun) -> Result:
     if paper.threshold:
         return Result(_with_threshold(paper.scenario))
     prepared = prepare(paper.scenario, paper.overrides)
-    made = uninterrupted(prepared.run())
-    return Result(measure(made, prepared.system), made if paper.keep else None)
+    finished = uninterrupted(prepared.run())
+    return Result(measure(finished, prepared.system), finished if paper.keep else None)
 
 
 def threshold_impact(scenario: str) -> tuple[int, System, Any, Impact]:

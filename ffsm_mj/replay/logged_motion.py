@@ -20,7 +20,7 @@ _LONGEST_PAUSE = 16
 """Longest wait for the next attempt, in rows."""
 
 
-class LoggedFlight:
+class LoggedMotion:
     """Takes control ticks as a run does, under the commands of the log, while each ends at the logged state.
 
     Where the motion bound excludes every event, no overlap and no missing event is to be looked for either, and no force if
@@ -53,7 +53,7 @@ class LoggedFlight:
     @classmethod
     def of(
         cls, plant: Plant, rows: ReplayedRows, command: Command, step_s: float, steps_per_tick: int
-    ) -> LoggedFlight | None:
+    ) -> LoggedMotion | None:
         """The same, if the core can take ticks of this plant: without sensors, delays and step-size control."""
         possible = plant.sampler is None and plant.control is None and plant.integrator.control is None
         return cls(plant, rows, command, step_s, steps_per_tick) if possible else None
@@ -83,11 +83,11 @@ class LoggedFlight:
         self._waits = max(self._waits - 1, 0)
         if count < 1 or self._waits or self._rows.follows_event:
             return 0
-        written = self._taken(line, tick, int(count)) if self._plant.integrator.excludes_events() else 0
+        written = self._written_rows(line, tick, int(count)) if self._plant.integrator.excludes_events() else 0
         self._pause = self._waits = min(2 * self._pause + 2, _LONGEST_PAUSE) if written < min(_WORTH, count) else 0
         return written
 
-    def _taken(self, line: int, tick: int, count: int) -> int:
+    def _written_rows(self, line: int, tick: int, count: int) -> int:
         plant, first = self._plant, tick * self._per_tick
         steps = plant.integrator.begin_core_steps()
         limits = plant.actuation.limits(self._command, plant.data, self._driven)

@@ -180,7 +180,7 @@ def conservation_faults(model: Any) -> Iterator[Finding]:
     # than the weight, and is not the external force that enters the balance.
     limited = model.jnt_bodyid[model.jnt_actgravcomp.astype(bool) & model.jnt_actfrclimited.astype(bool)]
     for b in np.flatnonzero(model.body_gravcomp).tolist() if np.any(model.opt.gravity) else ():
-        if any(each in limited for each in ancestors(model, b)):
+        if any(ancestor in limited for ancestor in ancestors(model, b)):
             yield "body", model.body(b).name, f" has gravcomp{advice}"
 
 
@@ -297,15 +297,15 @@ def _armature_of_tendon(model: Any, tendon: int) -> str:
 def equality_places(model: Any, places: Places) -> dict[int, str]:
     """Text ``file:line: equality`` of each constraint that is active from the start, by its id."""
     active = np.flatnonzero(model.eq_active0).tolist()
-    following = {prefix: mimics(each) for prefix, each in places.files.items()} if active else {}
-    found = {}
+    following = {prefix: mimics(file) for prefix, file in places.files.items()} if active else {}
+    equalities = {}
     for e in active:
         mimic = ""
         if model.eq_type[e] == _EQUALITY.mjEQ_JOINT and model.eq_obj2id[e] >= 0:
             prefix, _, follower = model.joint(model.eq_obj1id[e]).name.partition("/")
             mimic = _mimic_place(following.get(prefix, ()), follower, model.joint(model.eq_obj2id[e]).name.partition("/")[2])
-        found[e] = mimic or places.of("equality", model.equality(e).name)
-    return found
+        equalities[e] = mimic or places.of("equality", model.equality(e).name)
+    return equalities
 
 
 def equality_refusals(model: Any, e: int) -> Iterator[str]:
@@ -317,9 +317,9 @@ def equality_refusals(model: Any, e: int) -> Iterator[str]:
         if 0 in ends:
             yield "joins a body to the world, an external force that no part exerts; join it to a fixed object, or remove it"
     elif kind == _EQUALITY.mjEQ_JOINT:
-        yield from _couples_base(model, [each for each in ends if each >= 0])
+        yield from _couples_base(model, [end for end in ends if end >= 0])
     elif kind == _EQUALITY.mjEQ_TENDON:
-        for tendon in (each for each in ends if each >= 0):
+        for tendon in (end for end in ends if end >= 0):
             path = slice(int(model.tendon_adr[tendon]), int(model.tendon_adr[tendon] + model.tendon_num[tendon]))
             kinds, ids = model.wrap_type[path], model.wrap_objid[path]
             if np.isin(kinds, _WRAPS).any():
@@ -355,13 +355,13 @@ class Mimic(NamedTuple):
 
 def mimics(files: ModelFiles) -> list[Mimic]:
     """All ``<mimic>`` elements of a model and its attached URDFs; longest names first, as names may share an ending."""
-    found, joint = list[Mimic](), ""
-    for each in files.elements("mimic"):
-        if each.tag == "joint":
-            joint = each.attributes.get("name", "")
-        elif each.tag == "mimic" and each.parents[0] == "robot" and each.parents[-1] == "joint":
-            found.append(Mimic(joint, each.attributes.get("joint", ""), each.place))
-    return sorted(found, key=lambda each: -len(each.joint))
+    read, joint = list[Mimic](), ""
+    for element in files.elements("mimic"):
+        if element.tag == "joint":
+            joint = element.attributes.get("name", "")
+        elif element.tag == "mimic" and element.parents[0] == "robot" and element.parents[-1] == "joint":
+            read.append(Mimic(joint, element.attributes.get("joint", ""), element.place))
+    return sorted(read, key=lambda mimic: -len(mimic.joint))
 
 
 def _mimic_place(written: Iterable[Mimic], follower: str, leader: str) -> str:
@@ -376,12 +376,12 @@ def _mimic_place(written: Iterable[Mimic], follower: str, leader: str) -> str:
         leader: Name of the joint that it follows.
     """
 
-    def is_source(each: Mimic) -> bool:
-        before = follower.removesuffix(each.joint)
-        return (before + each.joint, before + each.leader) == (follower, leader)
+    def is_source(source: Mimic) -> bool:
+        before = follower.removesuffix(source.joint)
+        return (before + source.joint, before + source.leader) == (follower, leader)
 
-    found = [each for each in written if is_source(each)]
-    if not found:
+    matching = [source for source in written if is_source(source)]
+    if not matching:
         return ""
-    place = " or ".join(dict.fromkeys(each.place for each in found if each.joint == found[0].joint))
+    place = " or ".join(dict.fromkeys(source.place for source in matching if source.joint == matching[0].joint))
     return f"{place}: <mimic> of joint {follower!r} by joint {leader!r}"

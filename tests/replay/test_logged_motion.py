@@ -9,7 +9,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.replay import replay_log
-from ffsm_mj.replay.logged_flight import LoggedFlight
+from ffsm_mj.replay.logged_motion import LoggedMotion
 from ffsm_mj.scenario.shipped import scenario_names
 from tests.replay.test_replay import SCENES
 from tests.scenes import two_balls
@@ -22,7 +22,7 @@ NAMES = [*FLIGHTS, *(name for name in scenario_names() if name not in FLIGHTS)]
 
 def found(log, monkeypatch, *, in_core):
     """Rows, the worst differences, and the number of rows that the core wrote."""
-    rows, written, of = [], [], LoggedFlight.of
+    rows, written, of = [], [], LoggedMotion.of
 
     def watched(*given):
         flight = of(*given) if in_core else None
@@ -32,7 +32,7 @@ def found(log, monkeypatch, *, in_core):
         return flight
 
     with monkeypatch.context() as patched:
-        patched.setattr(LoggedFlight, "of", watched)
+        patched.setattr(LoggedMotion, "of", watched)
         again = replay_log(log, rows=rows.append)
     return np.concatenate(rows), repr((again.worst, again.samples, again.gaps, again.obstacle)), sum(written)
 
