@@ -318,7 +318,7 @@ class Run:
         Raises:
             KeyError: No such table.
         """
-        return checks_table(self.checks()) if name == CHECKS_TABLE else table(self.log, name)
+        return checks_table(self.checks()) if name == CHECKS_TABLE else table(self.log, name, lambda: self.digest)
 
     def to_pandas(self, name: str = "samples") -> Any:
         """A table (see :meth:`table`) as a ``pandas.DataFrame``; units and descriptions are in its ``attrs``."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from math import nan
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ffsm_mj.analysis.digest import digest
+from ffsm_mj.analysis.digest import Digest
 from ffsm_mj.analysis.intervals import ContactInterval, GraspInterval
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.grasp.records import GRASP
@@ -94,8 +94,13 @@ def checks_table(checks: Sequence[Check]) -> Table:
     return _of_columns(CHECKS_TABLE, _CHECK_COLUMNS, checks)
 
 
-def table(log: RunLog, name: str) -> Table:
+def table(log: RunLog, name: str, digest: Callable[[], Digest]) -> Table:
     """One table of a log by name, except that of its checks.
+
+    Args:
+        log: The log.
+        name: See :func:`table_names`.
+        digest: Returns the digest of its rows, which only contacts and grasps need.
 
     Raises:
         KeyError: No such table.
@@ -103,9 +108,9 @@ def table(log: RunLog, name: str) -> Table:
     if name == "samples":
         return samples(log.header.layout, np.asarray(log.rows[:]))
     if name == "contacts":
-        return _of_columns(name, columns_of(ContactInterval), digest(log).contacts.intervals())
+        return _of_columns(name, columns_of(ContactInterval), digest().contacts.intervals())
     if name == "grasps" and GRASP in log.kinds:
-        return _of_columns(name, columns_of(GraspInterval), digest(log).grasps.intervals())
+        return _of_columns(name, columns_of(GraspInterval), digest().grasps.intervals())
     for kind in log.kinds:
         if kind.plural == name:
             return _of_columns(name, kind.columns, log.records.get(name, ()))

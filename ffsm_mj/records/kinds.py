@@ -11,12 +11,12 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from operator import attrgetter
-from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
+from typing import Any, NamedTuple, get_args, get_origin
 
 from ffsm_mj.arrays import IntArray
 from ffsm_mj.errors import unknown_name
 from ffsm_mj.records.events import ControllerReport
-from ffsm_mj.records.record import ONE_VALUE, columns_of, lengths_of, meanings
+from ffsm_mj.records.record import ONE_VALUE, columns_of, hints_of, lengths_of, meanings
 from ffsm_mj.records.signals import Layout
 
 SUMMARY_KEYS = frozenset(
@@ -201,7 +201,7 @@ def faults(kind: RecordKind) -> Iterator[str]:
     if not is_dataclass(kind.record):
         yield f"{kind.record.__name__} is not a dataclass"
         return
-    known, hints = meanings(kind.record), get_type_hints(kind.record)
+    known, hints = meanings(kind.record), hints_of(kind.record)
     for name in (one.name for one in fields(kind.record)):
         if name not in known:
             yield f"the field {name} has no meaning, see ffsm_mj.records.record.declared"

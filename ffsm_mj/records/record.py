@@ -80,6 +80,10 @@ def record(cls: type[_Record]) -> type[_Record]:
     return dataclass(frozen=True)(cls)
 
 
+hints_of = cache(get_type_hints)
+"""Types of the fields of a record by name; to evaluate its annotations takes most of a millisecond."""
+
+
 @cache
 def meanings(of: type) -> dict[str, Meaning]:
     """Meaning of each :func:`declared` field of a record, in their order."""
@@ -108,7 +112,7 @@ def table_order(of: type) -> tuple[str, ...]:
 @cache
 def columns_of(of: type) -> dict[str, tuple[str, str]]:
     """Unit and text of the columns of its table, in their order; ``point_{xyz}_m`` is one for each value of ``point_m``."""
-    hints, ordered = get_type_hints(of), {name: meanings(of)[name] for name in table_order(of)}
+    hints, ordered = hints_of(of), {name: meanings(of)[name] for name in table_order(of)}
     return {
         _column(name, meaning.components): (meaning.unit or unit_of(name), meaning.column_text)
         for name, meaning in ordered.items()

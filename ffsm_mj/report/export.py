@@ -62,13 +62,23 @@ def write_table(run: Run, name: str, path: Path, form: str) -> str:
 def write_arrow(parts: Iterator[Any], path: Path, form: str) -> str:
     """Write an Arrow table, given in one or more parts, as ``csv`` or ``parquet``; see :func:`write_table`."""
     usable_file(path)
-    write = _write_parquet if form == "parquet" else _write_csv
+    first, rows = next(parts), 0
     with (
         new_file(path) as place,
-        place.open("wb") as stream,
-    ):  # pyarrow would remove the path if writing fails, even a device
-        rows, columns = write(parts, stream)
-    return f"{rows} rows of {columns} columns"
+        place.open("wb") as stream,  # pyarrow would remove the path if writing fails, even a device
+        _writer(stream, first.schema, form) as writer,
+    ):
+        for part in chain([first], parts):
+            writer.write_table(part)
+            rows += part.num_rows
+    return f"{rows} rows of {first.num_columns} columns"
+
+
+def _writer(stream: BinaryIO, schema: Any, form: str) -> Any:
+    if form == "parquet":
+        return pyarrow.parquet.ParquetWriter(stream, schema)
+    stream.write((",".join(schema.names) + "\n").encode())  # pyarrow would quote the names
+    return pyarrow.csv.CSVWriter(stream, schema, write_options=pyarrow.csv.WriteOptions(include_header=False))
 
 
 def _parts(run: Run, name: str) -> Iterator[Any]:
@@ -91,23 +101,3 @@ def _table(run: Run, name: str) -> Table:
     if name == MOMENTUM_TABLE:
         return momentum_table(angular_momentum(run))
     return checks_table(all_checks(run)) if name == CHECKS_TABLE else run.table(name)
-
-
-def _write_parquet(parts: Iterator[Any], stream: BinaryIO) -> tuple[int, int]:
-    first = next(parts)
-    rows = 0
-    with pyarrow.parquet.ParquetWriter(stream, first.schema) as writer:
-        for part in chain([first], parts):
-            writer.write_table(part)
-            rows += part.num_rows
-    return rows, first.num_columns
-
-
-def _write_csv(parts: Iterator[Any], stream: BinaryIO) -> tuple[int, int]:
-    rows = columns = 0
-    for part in parts:
-        if not columns:
-            stream.write((",".join(part.column_names) + "\n").encode())
-        pyarrow.csv.write_csv(part, stream, pyarrow.csv.WriteOptions(include_header=False))
-        rows, columns = rows + part.num_rows, part.num_columns
-    return rows, columns

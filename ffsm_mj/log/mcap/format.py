@@ -12,8 +12,9 @@ import math
 import posixpath
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
+from functools import cache
 from itertools import takewhile
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Any, get_args, get_origin
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +24,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.log import limits
 from ffsm_mj.records.events import ControllerReport
 from ffsm_mj.records.kinds import RecordKind, kind_of
+from ffsm_mj.records.record import hints_of
 from ffsm_mj.records.signals import GROUPS, TIME, Layout, Signal
 
 SAMPLE_TOPIC = "/ffsm/sample"
@@ -107,10 +109,8 @@ class SampleCodec:
         names = [f"f{i}" for i in range(len(offsets))]
         formats = ["<f8"] * len(offsets)
         self._record = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": len(template)})
-        self._positions = np.array(offsets, dtype=np.intp)[:, None] + np.arange(8)
-        written = np.zeros(len(template), dtype=np.bool_)
-        written[self._positions] = True
-        self._fixed = np.flatnonzero(~written)
+        values = np.array(offsets, dtype=np.intp)[:, None] + np.arange(8)
+        self._fixed = np.setdiff1d(np.arange(len(template)), values)
 
     @property
     def message_size(self) -> int:
@@ -135,9 +135,12 @@ class SampleCodec:
             raise ValueError("the size of a sample does not follow from its schema")
         if (messages[:, self._fixed] != self._template[self._fixed]).any():
             raise ValueError("the fields of a sample are not those of its schema")
-        positions = self._positions if columns is None else self._positions[list(columns)]
-        values: npt.NDArray[np.uint8] = np.ascontiguousarray(messages[:, positions.ravel()])
-        return values.view("<f8").astype(np.float64)
+        record, names = messages.view(self._record)[:, 0], self._record.names or ()
+        chosen = names if columns is None else [names[column] for column in columns]
+        values = np.empty((len(messages), len(chosen)))
+        for i, name in enumerate(chosen):
+            values[:, i] = record[name]
+        return values
 
 
 def _groups(layout: Layout) -> list[str]:
@@ -192,13 +195,12 @@ def is_plain(name: str) -> bool:
     )
 
 
-_MESSAGE_CLASSES: dict[tuple[type, str], Any] = {}
 _SCALARS = {float: _Field.TYPE_DOUBLE, int: _Field.TYPE_INT64, str: _Field.TYPE_STRING}
 
 
 def record_schema(kind: RecordKind, without: int = 0) -> bytes:
     """FileDescriptorSet of a kind of record, derived from its dataclass; the last ``without`` fields are left out."""
-    name, hints = kind.record.__name__.lower(), get_type_hints(kind.record)
+    name, hints = kind.record.__name__.lower(), hints_of(kind.record)
     file = descriptor_pb2.FileDescriptorProto(name=f"ffsm/{name}.proto", package="ffsm", syntax="proto3")
     message = file.message_type.add(name=kind.schema.removeprefix("ffsm."))
     for number, field in enumerate(fields(kind.record)[: len(fields(kind.record)) - without], start=1):
@@ -248,14 +250,12 @@ def _add_field(message: Any, name: str, number: int, hint: Any) -> None:
     _add(message, name, number, _Field.TYPE_MESSAGE, repeated=True, type_name=f"{path}.{entry_name}")
 
 
+@cache
 def _message_class(kind: RecordKind) -> Any:
-    key = kind.record, kind.schema
-    if key not in _MESSAGE_CLASSES:
-        pool = descriptor_pool.DescriptorPool()
-        for file in descriptor_pb2.FileDescriptorSet.FromString(record_schema(kind)).file:
-            pool.Add(file)
-        _MESSAGE_CLASSES[key] = message_factory.GetMessageClass(pool.FindMessageTypeByName(kind.schema))
-    return _MESSAGE_CLASSES[key]
+    pool = descriptor_pool.DescriptorPool()
+    for file in descriptor_pb2.FileDescriptorSet.FromString(record_schema(kind)).file:
+        pool.Add(file)
+    return message_factory.GetMessageClass(pool.FindMessageTypeByName(kind.schema))
 
 
 def encode_record(record: Any) -> bytes:
@@ -283,7 +283,7 @@ def decode_record(kind: RecordKind, data: bytes) -> Any:
         DecodeError: The bytes are not a message of this kind.
     """
     message = _message_class(kind).FromString(data)
-    hints = get_type_hints(kind.record)
+    hints = hints_of(kind.record)
     values = {}
     for field in fields(kind.record):
         value, hint = getattr(message, field.name), hints[field.name]
