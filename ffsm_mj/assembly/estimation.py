@@ -26,7 +26,7 @@ from ffsm_mj.state import entries, fitting
 from ffsm_mj.unchanging import with_state
 
 _MEASURED = ("event", "time_s", "step", "pair", "geoms", "joint", "rule", "grasp")
-"""Fields of an event record that a robot may be told of."""
+"""Fields of an event record that are reported to a robot."""
 
 
 class EstimatePhaseMachine(PhaseMachine):
@@ -222,7 +222,7 @@ def _error_name(rate: str, turns: bool) -> str:
 
 
 def without_solution(record: Any) -> Any:
-    """What a robot is told of an event: its class, time and pair; other numbers are NaN, other fields empty."""
+    """What is reported of an event to a robot: its class, time and pair; other numbers are NaN, other fields empty."""
     if not isinstance(record, ImpactRecord):
         return record
     hidden: dict[str, Any] = {}

@@ -126,7 +126,7 @@ class Estimator(Protocol):
         Args:
             time_s: Time, s; ``data.time`` has that of the last call.
             measured: Newest sample of each sensor that has arrived, by full name.
-            events: What the robot is told of events since the last call: their class, time and pair.
+            events: What is reported of the events since the last call: their class, time and pair.
             data: MuJoCo data of the model that control laws use, with the efforts held until now in ``ctrl``.
         """
 

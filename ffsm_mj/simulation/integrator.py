@@ -211,7 +211,7 @@ class EventDrivenIntegrator:
             return CoreSteps(move, motion.free_flight, None, *self._bounds(()))
         if type(motion) is not Motion:
             return None
-        # Where forces watch for events themselves, as closed contacts do, others may have to be told of each sub-step: no
+        # Where forces watch for events themselves, as closed contacts do, others may need a call after each sub-step: no
         # motion bound excludes it.
         watched = self._after_substeps and isinstance(self._active[0], EventSource)
         forces = self._active[0].begin_steady_steps() if len(self._active) == 1 and not watched else None

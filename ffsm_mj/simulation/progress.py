@@ -51,7 +51,7 @@ class EventDue:
 
     @dataclass
     class State:
-        """An event at which a run goes on: its records, and how the controller is told of it."""
+        """An event at which a run goes on: its records, and how it is reported to the controller."""
 
         records: list[Any]
         triggers_control: bool

@@ -327,7 +327,7 @@ def _by_law(event: Sequence[_Record], met: _CheckedImpact) -> Iterator[float]:
 
     contacts = [record for record in event if isinstance(record, ImpactRecord)]
     if len(contacts) < len(event):
-        return  # the law is told of contacts only
+        return  # only contacts are passed to the law
     e = np.array([record.restitution_used for record in event])
     problem = ImpactProblem.mass_weighted(met.A, met.before, e, _coefficients(event))
     yield from law_of_record(event[0].law).friction_residuals(contacts, problem, met.impulses)

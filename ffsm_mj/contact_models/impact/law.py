@@ -212,7 +212,7 @@ def solve_impact(law: ImpactLaw, problem: ImpactProblem) -> ImpactSolution:
     """Solve an impact by a law, and validate the solution.
 
     Contacts whose gap no admissible motion changes, such as those of bodies that latches hold together, take no part: they
-    get no impulse, and the law is not told of them.
+    get no impulse, and are not passed to the law.
 
     Raises:
         UnsupportedContactError: The law does not cover the problem, or its solution is invalid.

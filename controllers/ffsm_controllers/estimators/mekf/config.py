@@ -76,7 +76,7 @@ class MekfConfig(StrictModel):
     gate: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
     """Probability of the chi-square gate: samples less probable than 1 - ``gate`` are left out; default: none are."""
     impact_velocity_m_s: NonNegativeFloat = 0.5
-    """Standard deviation of the jump of the velocity of a body in an impact that it is told of, of each component, m/s."""
+    """Standard deviation of the jump of a body's velocity in an impact that is reported to it, of each component, m/s."""
     impact_rate_rad_s: NonNegativeFloat = 0.5
     """Likewise of its angular velocity, rad/s."""
     rate_filter_s: NonNegativeFloat = 0.02

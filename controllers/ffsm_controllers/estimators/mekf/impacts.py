@@ -17,7 +17,7 @@ from ffsm_mj.controller_protocol import System
 def is_jump(event: Any) -> bool:
     """Whether velocities jump at an event: an impact of geoms or at a joint limit, or the closing of a grasp.
 
-    Their records, and no others, state energies before and after, though the robot is not told of the numbers.
+    Their records, and no others, state energies before and after, although the numbers are not reported to the robot.
     """
     return hasattr(event, "energy_before_J")
 
