@@ -1,4 +1,4 @@
-"""The log of a run says what its states say: a replay of it, for a seeded quarter of the tests and with ``--long`` for all.
+"""The log of a run says what its states say: a replay of it, for a seeded tenth of the tests and with ``--long`` for all.
 
 A replay takes as long as its run, and most runs of the suite are replayed for good measure only.
 Tests of replays, and of logs that are wrong on purpose, call :func:`ffsm_mj.replay.replay_log` themselves.
@@ -14,7 +14,7 @@ from ffsm_mj.replay import replay_log
 from tests import long_share
 
 _SEED = 34
-_ONE_OF = 4
+_ONE_OF = 10
 
 
 def assert_replayed(run, *, records=True):

@@ -110,6 +110,7 @@ def test_a_damper_turns_all_into_heat(tmp_path):
     assert run["balance.total_damper_heat_J"][-1] == pytest.approx(0.5 * REDUCED * (1.0 - left), rel=1e-9)
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("law", ['stiffness="40 15 200"', 'stiffness="40" damping="0.5 0.2 0.3"'])
 @pytest.mark.parametrize("drum", ["", '<geom geom="drum"/>'])
 def test_a_cord_of_an_arm_is_entered_to_fourth_order(tmp_path, law, drum):

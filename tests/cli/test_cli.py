@@ -214,6 +214,7 @@ print("heavy:", sorted({{"rerun", "matplotlib", "rich", "scipy"}} & {{name.split
     assert python(code).splitlines()[-1] == "heavy: []"
 
 
+@pytest.mark.long
 def test_a_closed_stdout_ends_nothing(tmp_path):
     """``ffsm run ... | head -0``: the run is whole and the exit code is that of the run."""
     read, write = os.pipe()

@@ -38,6 +38,7 @@ def test_files_and_the_best_configuration(tmp_path, monkeypatch, capsys):
     assert run.impacts[0].impulse_N_s == pytest.approx(float(best["impulse_N_s"]), rel=1e-9)
 
 
+@pytest.mark.long
 def test_a_scenario_that_goes_on_from_another_run(tmp_path, monkeypatch, capsys):
     """The best configuration begins anew, not at the instant of that run."""
     monkeypatch.chdir(tmp_path)

@@ -26,6 +26,7 @@ for number in range(3):
 """
 
 
+@pytest.mark.long
 def test_a_loop_over_runs_ends_at_ctrl_c(tmp_path):
     """After the log of the run under way is closed."""
     done = subprocess.run([sys.executable, "-c", LOOP], cwd=tmp_path, capture_output=True, text=True, check=False)

@@ -148,6 +148,7 @@ def test_validate_counts_its_runs(tmp_path, columns):
         assert (f"{done} of 5 cases" if columns == 200 else f"{100 * done / 5:.0f} %  validate") in shown.written
 
 
+@pytest.mark.long
 def test_an_interrupted_command_leaves_a_clean_terminal(tmp_path):
     """Ctrl-C in the middle: the log is kept, the line is gone, the cursor is back."""
     path = str(two_balls(tmp_path))

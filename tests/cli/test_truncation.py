@@ -49,6 +49,7 @@ def not_analysed(folder):
     )
 
 
+@pytest.mark.long
 def test_ctrl_c_ends_only_the_analysis(tmp_path, monkeypatch, scene):
     """The folder, the checks and the summary are there; a run without a verdict counts as failed."""
     monkeypatch.chdir(tmp_path)
@@ -69,6 +70,7 @@ def test_ctrl_c_ends_only_the_analysis(tmp_path, monkeypatch, scene):
     assert any("columns agree with states" in line for line in shown.screen)
 
 
+@pytest.mark.long
 def test_a_kill_in_the_analysis_leaves_a_whole_run(tmp_path, monkeypatch, scene):
     monkeypatch.chdir(tmp_path)
     process = subprocess.Popen(

@@ -92,6 +92,7 @@ def collision(folder, a, b, rng, *, tumbling=True):
     return run.impacts[0], model, data
 
 
+@pytest.mark.long(one_of=25)
 @pytest.mark.parametrize("draw", [0, *(pytest.param(draw, marks=pytest.mark.long) for draw in (1, 2, 3))])
 @pytest.mark.parametrize(("a", "b"), PAIRS)
 def test_contact_is_exact_for_every_pair(tmp_path, draw, a, b):

@@ -84,6 +84,7 @@ def test_the_gap_over_a_plane_is_the_height_less_the_support(tmp_path, rng, shap
     assert pair.gap(model, data, -9.0) == -9.0
 
 
+@pytest.mark.long(one_of=3)
 @pytest.mark.parametrize("restitution", [0.0, 0.6, 1.0])
 @pytest.mark.parametrize("shape", GEOMS)
 def test_a_plane_is_the_face_of_a_wide_block(tmp_path, shape, restitution):

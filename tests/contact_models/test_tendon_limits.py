@@ -165,6 +165,7 @@ def swinging(folder, step, e=0.0, tendon=None):
     )
 
 
+@pytest.mark.long(one_of=3)
 @pytest.mark.parametrize(("e", "tendon"), [(0.0, None), (1.0, None), (0.0, ROUND)])
 def test_a_spatial_cord_is_taut(tmp_path, e, tendon):
     """The length never exceeds its end; all balances and checks hold, and the end converges with order four."""

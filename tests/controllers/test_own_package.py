@@ -30,6 +30,7 @@ def python(tmp_path):
     return run
 
 
+@pytest.mark.long
 def test_the_library_and_the_users_package_side_by_side(python):
     done = python("-c", LIBRARY)
     assert (done.returncode, done.stdout) == (0, "completed\n"), done.stderr

@@ -42,6 +42,7 @@ def example():
     return blocks["python"], entry, blocks["yaml"]
 
 
+@pytest.mark.long
 def test_the_documented_example_runs(tmp_path, example):
     code, entry, phases = example
     environment = install(tmp_path, "my_laws", code, entry)
@@ -95,6 +96,7 @@ class Law:
 """
 
 
+@pytest.mark.long
 def test_a_plugin_whose_config_cannot_be_built_harms_only_who_asks_for_it(tmp_path):
     environment = install(tmp_path, "broken_laws", UNKNOWN_TYPE, "broken = broken_laws:Law")
     assert ffsm(environment, "check", "baseline").returncode == 0
@@ -110,6 +112,7 @@ def test_a_plugin_without_a_config_is_named(tmp_path):
     assert "bare_laws:Law has no class attribute Config" in done.stderr
 
 
+@pytest.mark.long
 def test_a_plugin_that_fails_when_it_is_made_is_a_fault_of_the_phase(tmp_path, example):
     code, entry, phases = example
     code = code.replace("        model = context.system.mj\n", '        raise RuntimeError("no licence")\n')

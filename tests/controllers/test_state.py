@@ -143,6 +143,7 @@ def outcomes(tmp_path_factory):
     return {name: outcome(case(tmp_path_factory.mktemp("case"))) for name, case in CASES.items()}
 
 
+@pytest.mark.long(one_of=3)
 @pytest.mark.parametrize("name", CASES)
 def test_goes_on_bit_for_bit(name, outcomes):
     assert outcomes[name].anew == outcomes[name].uninterrupted

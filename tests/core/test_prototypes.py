@@ -51,6 +51,7 @@ def refused(folder):
     return complaints
 
 
+@pytest.mark.long
 def test_a_header_that_changes_is_noticed(copy):
     """The prototypes fit mujoco.h as it is, not one with an argument less and one of another type."""
     translate(copy)

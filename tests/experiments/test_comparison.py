@@ -105,6 +105,7 @@ def test_other_samples_are_refused():
             compared(one, other, NAMES)
 
 
+@pytest.mark.long
 def test_campaigns_of_folders_are_compared(tmp_path):
     """The impulse of 2 kg on 3 kg is 1.2 (1 + e) v: at the same speeds it is lower by 0.6 v at e = 0.5 than at e = 1."""
     folders = []

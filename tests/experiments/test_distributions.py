@@ -58,6 +58,7 @@ def test_a_mean_that_is_not_stated_is_given_by_the_use():
     assert drawn({"normal": {"mean": 3.0, "sd": 0.1}}, [0.5], mean=1.0) == [3.0]
 
 
+@pytest.mark.long
 @settings(max_examples=60, deadline=None)
 @given(
     st.sampled_from([st.booleans(), st.integers(-5, 5), st.text(max_size=3)]).flatmap(

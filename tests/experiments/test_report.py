@@ -145,6 +145,7 @@ def made(tmp_path_factory):
     return found
 
 
+@pytest.mark.long
 def test_the_report_of_a_campaign(made, capsys):
     assert main(["campaign", "report", str(made.folder.path)]) == 0
     lines = capsys.readouterr().out.splitlines()

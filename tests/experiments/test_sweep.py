@@ -13,6 +13,7 @@ from ffsm_mj.experiments.campaign import Campaign
 from tests.experiments.files import rock_hits
 
 
+@pytest.mark.long
 def test_values_may_be_numpy_s(tmp_path: Path) -> None:
     rock_hits(tmp_path)
     values = {"contacts.rules.second.restitution": np.linspace(0.5, 1.0, 2)}
@@ -22,6 +23,7 @@ def test_values_may_be_numpy_s(tmp_path: Path) -> None:
     assert table.column("duration_s").to_pylist() == [0.01, 0.01]
 
 
+@pytest.mark.long
 def test_values_may_be_lists(tmp_path: Path) -> None:
     """Each run takes a whole one; in the table it is its text."""
     rock_hits(tmp_path)

@@ -49,6 +49,7 @@ def fast_runs(folder):
     return campaign_file(folder, steps, {"kind": "grid"}, limits={"max_failed": 1.0}, metrics=metrics)
 
 
+@pytest.mark.long
 def test_rows_and_reruns_do_not_depend_on_where_they_are_made(tmp_path):
     """The budget is counted in steps: a loop, a pool and a rerun have one verdict; one without a verdict fails."""
     found = []

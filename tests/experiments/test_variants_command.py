@@ -10,6 +10,7 @@ from ffsm_mj.cli.main import main
 from tests.experiments.variant_files import HALF, variants_file
 
 
+@pytest.mark.long
 def test_the_shipped_study_runs_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Two runs of two of its laws, up to shortly after the start."""
     out = str(tmp_path / "out")
@@ -51,6 +52,7 @@ def test_old_names_suggest_the_new_ones(tmp_path: Path, capsys: pytest.CaptureFi
         assert "study: a study is a campaign with variants: write 'campaign' in place of 'study'" in error
 
 
+@pytest.mark.long
 def test_variants_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A run belongs to a variant, a design to all of them."""
     path, out = variants_file(tmp_path, {"elastic": {}, "half": HALF}, keep={"failures": 1}), str(tmp_path / "out")

@@ -57,7 +57,7 @@ def folder(tmp_path_factory) -> Path:
     return home
 
 
-@pytest.mark.long
+@pytest.mark.long(one_of=11)
 @pytest.mark.parametrize("words", COMMANDS.values(), ids=COMMANDS)
 def test_no_trap_springs(folder, words):
     done = subprocess.run([*FFSM, *words], cwd=folder, capture_output=True, text=True, check=False)
@@ -65,6 +65,7 @@ def test_no_trap_springs(folder, words):
     assert not (folder / "sprung").exists(), (folder / "sprung").read_text()
 
 
+@pytest.mark.long
 def test_workers_of_a_script_import_nothing_from_the_current_folder(folder):
     """``python -c`` has the current folder first on its own path, and only its workers are ours."""
     script = (

@@ -11,7 +11,7 @@ from tests.hostile.series import complaints, parts, run_series
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("part", parts(100, 2500), ids=str)
+@pytest.mark.parametrize("part", parts(40, 2500), ids=str)
 def test_hostile_input(part, tmp_path):
     results = run_series(1, part.start, len(part), tmp_path, workers=1)
     assert complaints(results) == []

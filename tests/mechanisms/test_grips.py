@@ -42,6 +42,7 @@ def impacts(run):
     return found
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize(("drive", "normal"), [('tendon="pull"', 2.0), ('joint="f1"', 2.0)])
 def test_coupled_fingers_grip_a_box(tmp_path, drive, normal):
     """M6: times and impulses in closed form, at rest off centre; 2 N each, wherever the motor pulls."""
@@ -83,6 +84,7 @@ def test_one_finger_at_a_wall_of_the_palm(tmp_path):
     assert abs(last(run, "v_robot_f2_m_s")[0]) < 1e-12
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("law", [{"force_N": 4.0}, {"action": "close", "bandwidth_rad_s": 60.0, "force_N": 4.0}])
 def test_the_law_of_a_gripper_closes_coupled_fingers(tmp_path, law):
     """Its force is that at the joint that leads: both fingers press with half of it."""

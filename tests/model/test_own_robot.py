@@ -27,6 +27,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("name", ["crab", "otto"])
 def test_the_page_runs(folder, name, capsys):
     assert len(FILES[f"{name}.yaml"].splitlines()) <= 24

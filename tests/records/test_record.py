@@ -97,6 +97,7 @@ def test_fields_of_built_in_records_say_what_they_mean(kind):
         assert meaning.column != Meaning(meaning.text).column_text, f"{name} says its text twice"
 
 
+@pytest.mark.long(one_of=8)
 @pytest.mark.parametrize("before", ["", "import ffsm_mj.contact_models.grasp.records, ffsm_mj.records.run_kinds"])
 @pytest.mark.parametrize("module", ["log.recorder", "log.mcap.reader", "log.mcap.sink", "assembly.plant"])
 def test_who_handles_logs_knows_the_built_in_kinds_in_their_order(before, module):

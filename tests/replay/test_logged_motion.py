@@ -46,7 +46,7 @@ def in_core(log, monkeypatch):
     return own[2]
 
 
-@pytest.mark.long(one_of=20)
+@pytest.mark.long(one_of=25)
 @pytest.mark.parametrize("name", NAMES)
 def test_a_replay_is_the_same_without_the_core(name, monkeypatch):
     log = ffsm_mj.run(name, {"duration_s": 9.0, "terminal": None}).log  # longer than the flight to any first contact

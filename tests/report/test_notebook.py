@@ -205,6 +205,7 @@ def python(code):
     return done.stdout.splitlines()
 
 
+@pytest.mark.long
 def test_matplotlib_is_imported_on_demand(tmp_path):
     lines = python(f"""
 import sys, ffsm_mj

@@ -16,6 +16,7 @@ NOT_YET = dict.fromkeys(("pal_talos", "unitree_g1"), _SLOW)
 pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason=f"no robots in {FOLDER}; FFSM_MENAGERIE names their folder")
 
 
+@pytest.mark.long(one_of=5)
 @pytest.mark.parametrize("robot", FILES)
 def test_every_robot_compiles_with_spheres_for_meshes(robot, tmp_path):
     """MuJoCo takes each file, and no geom shows a mesh."""

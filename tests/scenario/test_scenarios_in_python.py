@@ -129,6 +129,7 @@ def test_run_simulator_and_mappings_take_it(scenario, run):
         assert simulator.close().log.rows.tobytes() == run.log.rows.tobytes()
 
 
+@pytest.mark.long
 def test_sweeps_and_campaigns_take_it(scenario, tmp_path):
     table = ffsm_mj.sweep(
         scenario, {"contacts.rules.0.restitution": np.array([0.2, 0.8])}, metrics=["impacts.0.impulse_N_s"], workers=1
@@ -263,6 +264,7 @@ def test_a_simulator_raises_too_and_its_log_is_whole(tmp_path):
         assert simulator.step().ended.outcome == "controller_failed"
 
 
+@pytest.mark.long
 def test_sweeps_take_the_laws_of_a_mapping():
     """In this process, where they cannot be imported by others."""
     phase = {"name": "settle", "until": "end", "controller": {"kind": "tuned", "gain": 1.0}}

@@ -147,6 +147,7 @@ def test_all_that_a_filter_does_is_in_some_state(cases):
     assert kinds == {"joint", "frame", "given", "grasp", "release", "impact"}
 
 
+@pytest.mark.long
 def test_every_field_of_every_state_is_needed(cases):
     noticed = set()
     for model, make, recorder in cases.values():

@@ -85,6 +85,7 @@ def run_of(folder, actuator, setpoint, unit, activation, duration_s, **scenario)
     return ffsm_mj.run(path)
 
 
+@pytest.mark.long(one_of=3)
 @pytest.mark.parametrize("what", CASES)
 def test_an_activation_is_integrated_with_the_motion(tmp_path, what):
     """To order four, also where the integrator of MuJoCo is of order one, and through the end of a range."""

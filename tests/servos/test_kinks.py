@@ -77,6 +77,7 @@ def errors_of(run, torque):
     return max(abs(run[ANGLE][-1] - fine[0]), abs(run[RATE][-1] - fine[1]))
 
 
+@pytest.mark.long(one_of=3)
 @pytest.mark.parametrize(
     ("what", "torque"), [("band", torque_of_band), ("servo", torque_of_servo), ("muscle", torque_of_muscle)]
 )

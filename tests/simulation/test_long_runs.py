@@ -128,6 +128,7 @@ def test_a_thinned_run_keeps_what_stands_out(baseline, monkeypatch):
     assert ffsm_mj.summary(thin) == ffsm_mj.summary(baseline)
 
 
+@pytest.mark.long
 def test_figures_and_films_of_a_long_run_are_drawn_from_the_thinned_one(baseline, monkeypatch, tmp_path):
     names = set(figures(baseline, ("tip", "conservation", "motion")))
     monkeypatch.setattr(thinning, "KEPT_BYTES", 0)

@@ -28,6 +28,7 @@ def logged(tmp_path_factory):
     return folder
 
 
+@pytest.mark.long(one_of=3)
 @pytest.mark.parametrize("from_s", [0.1, 0.1574, 0.25])
 def test_without_changes_it_is_the_same_run(logged, from_s):
     """Bit for bit, from a tick, from the second impact, and from within contact that lasts."""

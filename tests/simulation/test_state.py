@@ -177,6 +177,7 @@ def test_what_is_no_state():
             to_bytes({"a": value})
 
 
+@pytest.mark.long
 def test_contact_points_that_change():
     """The last points of a patch open one after the other: those of before have no part in a state."""
     simulator = ffsm_mj.Simulator("squeeze")

@@ -90,6 +90,7 @@ COMMON = [
 ]
 
 
+@pytest.mark.long(one_of=3)
 @pytest.mark.parametrize("latch", ["rigid", "ball", "slide"])
 def test_it_is_a_grasp_of_a_base(tmp_path, latch):
     """Rows hold the panel where it is a link, a joint where it is the root: the same impulse, motion and load."""

@@ -61,7 +61,7 @@ def drawn(seed, folder):
     return holding(folder, axes=axes, spring=spring, **scenario, **changes, **timing)
 
 
-@pytest.mark.long
+@pytest.mark.long(one_of=25)
 @pytest.mark.parametrize("seed", range(200))
 def test_a_random_scene(tmp_path, seed):
     """A check may fail by the truncation of the step alone, of order four: fast hits and light links are drawn too."""

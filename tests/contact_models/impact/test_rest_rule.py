@@ -339,7 +339,7 @@ def _pushed(folder, d):
     )
 
 
-@pytest.mark.long
+@pytest.mark.long(one_of=20)
 @pytest.mark.parametrize("seed", range(300))
 def test_time_advances_and_nothing_overlaps_whatever_pushes(tmp_path, seed):
     _never_stalls(tmp_path, random_scene(seed))

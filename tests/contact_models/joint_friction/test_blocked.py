@@ -74,6 +74,7 @@ def test_a_limit_carries_force_under_friction_that_begins_to_slide(tmp_path):
     assert not made.records["limit_changes"]
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("step_s", [5e-3, 1e-3])
 def test_friction_is_idle_at_a_limit(tmp_path, step_s):
     """Pressed by 10 N sin 2t against a friction of 3 N: the limit carries all of it, then the friction what pulls."""
@@ -91,6 +92,7 @@ def test_friction_is_idle_at_a_limit(tmp_path, step_s):
     assert (time_s, *senses) == (pytest.approx(0.5 * (np.pi + np.arcsin(0.3)), abs=1e-12), 0, -1)
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("mu", [0.0, 0.5])
 @pytest.mark.parametrize(("right", "force", "friction"), [(2.0, 2.0, 0.0), (2.3, 2.15, 0.15)])
 def test_friction_is_idle_in_a_grip(tmp_path, mu, right, force, friction):

@@ -51,7 +51,7 @@ def enumerated(W, b, limits):
     return found
 
 
-@pytest.mark.long
+@pytest.mark.long(one_of=20)
 @pytest.mark.parametrize("first", range(0, 1000, 25))
 def test_unique_accelerations(first):
     """Of 1000 random problems, most with couplings, some of which leave the forces undetermined.

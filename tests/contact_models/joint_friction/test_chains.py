@@ -60,7 +60,7 @@ def test_both_joints_come_to_rest(tmp_path):
 def test_eight_events_under_a_swinging_load(tmp_path):
     """Breakaways, stops and reversals; some of them while the other joint sticks, some while it slides."""
     errors = []
-    for step_s, tolerance in ((4e-3, 3e-10), (2e-3, 2e-11), (1e-3, 2e-12)):
+    for step_s, tolerance in ((4e-3, 3e-10), (2e-3, 2e-11)):
         made = run(tmp_path, arm(), step_s, duration_s=3.0, **SWUNG)
         found = changes(made)
         assert [(joint, *senses) for joint, _, *senses in found] == [(joint, *senses) for joint, _, *senses in EVENTS]
@@ -94,6 +94,7 @@ def test_momentum_is_kept_to_order_four(tmp_path):
     assert lost[0] / lost[1] > 12.0
 
 
+@pytest.mark.long(one_of=3)
 @pytest.mark.parametrize("until_s", [0.5, 0.9, 2.15])
 def test_a_run_goes_on_from_a_state_in_the_middle(tmp_path, until_s):
     """Sliding or sticking, between two ticks; bit for bit, through bytes."""

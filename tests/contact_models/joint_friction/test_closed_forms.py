@@ -72,6 +72,7 @@ def test_a_motor_at_half_the_limit_moves_nothing(tmp_path):
     np.testing.assert_allclose(made["contact.robot_s_friction_force_N"][1:], -0.5, atol=1e-15)
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("step_s", [0.01, 1e-3])
 def test_it_breaks_away_where_the_load_reaches_the_limit(tmp_path, step_s):
     """A load of 0.4 N/s t against 1 N, from 2.5 s on; with the shorter step at a tick of the grid."""

@@ -20,6 +20,7 @@ CORD = ARM.replace('<geom name="hull"', '<site name="anchor" pos="0.1 0.3 0.2"/>
 )
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("robot", [JOINTS, CORD])
 def test_an_arm_with_friction_catches_and_lets_go(tmp_path, robot):
     """The friction goes on in the motion with the object, and back: all checks pass, a replay and restarts agree."""

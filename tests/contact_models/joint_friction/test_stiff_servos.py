@@ -37,6 +37,7 @@ def swings(kp, kv, friction, setpoint=0.7):
     return np.array(times), q, friction * way
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("step_s", [4e-3, 1e-3])
 def test_a_stiff_servo_swings_and_sticks(tmp_path, step_s):
     """447 1/s: both steps are implicit."""

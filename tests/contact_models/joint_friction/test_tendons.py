@@ -79,6 +79,7 @@ def test_a_cord_slides_and_sticks_to_fourth_order(tmp_path):
     assert coarse / fine == pytest.approx(16.0, rel=0.1)
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("tendon", [CORD, DRUM])
 def test_a_cord_that_sticks_keeps_its_length(tmp_path, tendon):
     """To the order of the steps, straight or around a drum; all checks pass, and a replay agrees."""

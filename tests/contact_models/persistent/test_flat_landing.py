@@ -113,6 +113,7 @@ def falling(folder, tilt_rad, azimuth_rad, inertia_kg_m2, *, spin_rad_s=0.0, mu=
     )
 
 
+@pytest.mark.long(one_of=25)
 @pytest.mark.parametrize(
     ("tilt_rad", "azimuth_rad", "mu"),
     [(1e-5, 0.0, 0.0), (1e-5, 0.4, 0.0), (1e-5, 0.4, 0.3), (3e-7, 0.4, 0.0)]
@@ -146,6 +147,7 @@ def test_a_disc_that_spins_rolls_on_its_rim_as_it_falls_flat(tmp_path, tilt_rad,
 PUSHED = {"controller": {"kind": "pd", "joints": ["s"], "kp": 0.5, "kd": 0.0, "target": [10.0]}}
 
 
+@pytest.mark.long(one_of=20)
 @pytest.mark.parametrize(
     ("tilt_rad", "azimuth_rad", "mu", "step_s"),
     [(1e-5, 0.7, 0.0, 4e-3), (1e-5, 0.0, 0.3, 2e-3)]

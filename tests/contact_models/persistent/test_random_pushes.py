@@ -46,6 +46,7 @@ def wrong(path, *, completes=False):
 # A pair closed by no impact; drift taken out at an edge, and where a contact begins; drift taken for a touch at another
 # point; a corner that slides off a face, with no normal from there on; an end that opens from a side tilted by 3e-7 rad;
 # drift taken out in no time between a release and an impact.
+@pytest.mark.long(one_of=20)
 @pytest.mark.parametrize("seed", [*(pytest.param(seed, marks=pytest.mark.long) for seed in (86, 62, 192, 292)), 89, 140, 38])
 def test_scenes_that_went_wrong_once(tmp_path, seed):
     assert wrong(drawn(np.random.default_rng(seed), tmp_path)) == []
@@ -63,7 +64,7 @@ def test_random_pushes(tmp_path, seed):
     assert wrong(drawn(np.random.default_rng(seed), tmp_path)) == []
 
 
-@pytest.mark.long
+@pytest.mark.long(one_of=20)
 @pytest.mark.parametrize("seed", [8, 3, 4, 17, 22, 24, 2, 18, *range(200, 230)])
 def test_fast_spin_passes_with_accuracy_and_fails_by_truncation_alone_without(tmp_path, seed):
     """Bodies that spin at up to 12 rad/s at 2 to 10 ms: a third of them fails at a fixed step."""

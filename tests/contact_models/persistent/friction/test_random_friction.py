@@ -25,7 +25,7 @@ def rubbed(seed, folder):
     return path
 
 
-@pytest.mark.long
+@pytest.mark.long(one_of=20)
 @pytest.mark.parametrize("seed", [seed for seed in range(60) if seed not in (19, 53)])  # these take 7 s and more
 def test_random_pushes_with_friction(tmp_path, seed):
     assert wrong(rubbed(seed, tmp_path)) == []

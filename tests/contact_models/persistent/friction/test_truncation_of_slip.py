@@ -58,6 +58,7 @@ def test_a_block_that_spins_until_it_stops_does_not(tmp_path, step):
     assert len(sticks(proved(ffsm_mj.run(spins)))) == 1
 
 
+@pytest.mark.long(one_of=20)
 @pytest.mark.parametrize("seed", [204, pytest.param(292, marks=pytest.mark.long)])
 def test_heat_of_sliding_fails_by_truncation_too(tmp_path, seed):
     """Of gap rates that drift within a step by more than heat is known to."""
