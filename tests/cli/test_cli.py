@@ -37,15 +37,6 @@ def test_run_writes_the_folder_and_links_latest(tmp_path, capsys):
     assert "all 15 checks pass over 0.5 s (501 samples)" in capsys.readouterr().out
 
 
-def test_a_folder_that_holds_a_run_is_not_overwritten(tmp_path, capsys):
-    path = str(two_balls(tmp_path))
-    arguments = ["run", path, "--no-rerun", "--out", "mine"]
-    assert main(arguments) == 0
-    assert main(arguments) == 2
-    assert "mine: already contains a run (run.mcap); choose another --out, or --force" in capsys.readouterr().err
-    assert main([*arguments, "--force"]) == 0
-
-
 def test_analyze_exits_1_when_a_law_is_violated(tmp_path, capsys):
     assert main(["run", str(two_balls(tmp_path, speed=3.7)), "--no-rerun", "--out", "mine"]) == 0
     assert main(["analyze", "mine", "--tolerance", "1e-30"]) == 1
@@ -212,20 +203,6 @@ assert os.environ["OPENBLAS_NUM_THREADS"] == "1", "a second BLAS thread only spi
 print("heavy:", sorted({{"rerun", "matplotlib", "rich", "scipy"}} & {{name.split(".")[0] for name in sys.modules}}))
 """
     assert python(code).splitlines()[-1] == "heavy: []"
-
-
-@pytest.mark.long
-def test_a_closed_stdout_ends_nothing(tmp_path):
-    """``ffsm run ... | head -0``: the run is whole and the exit code is that of the run."""
-    read, write = os.pipe()
-    os.close(read)
-    path = two_balls(tmp_path, duration_s=0.5)
-    command = [sys.executable, "-m", "ffsm_mj.cli.main", "run", str(path), "--no-rerun", "--out", "piped"]
-    process = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True, check=False)
-    os.close(write)
-    assert process.returncode == 0
-    assert process.stderr == ""
-    assert json.loads((tmp_path / "cwd" / "piped" / "summary.json").read_text())["outcome"] == "completed"
 
 
 def test_a_run_whose_step_is_too_long_says_so_last_and_exits_5(capsys):

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+import ffsm_mj
 from ffsm_mj.cli.main import main
 from ffsm_mj.report import plots
 from tests.scenes import two_balls
@@ -71,14 +72,17 @@ def test_a_run_that_cannot_report_is_whole_and_keeps_its_own_exit_code(tmp_path)
     assert process.stderr == "stdout: output is lost (No space left on device)\n"
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["analyze", "a"]])
+@pytest.mark.long(one_of=2)
+@pytest.mark.parametrize("arguments", [["--help"], ["schema"], ["analyze", "a"], ["run", "a", "--no-rerun", "--out", "b"]])
 @pytest.mark.usefixtures("run")
 def test_a_reader_who_has_gone_is_no_failure(arguments):
+    """``ffsm ... | head -0``; a run is whole."""
     read, write = os.pipe()
     os.close(read)
     process = subprocess.run(ffsm(*arguments), stdout=write, stderr=subprocess.PIPE, text=True, check=False)
     os.close(write)
     assert (process.returncode, process.stderr) == (0, "")
+    assert arguments[0] != "run" or ffsm_mj.load_run("b").complete
 
 
 @pytest.mark.long

@@ -11,10 +11,8 @@ import ffsm_mj
 from ffsm_controllers import kinds
 from ffsm_mj import Simulator
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.assembly.simulator import SimulatorState
 from ffsm_mj.controller_protocol import Command, ControllerContext, Observation, ScenarioFaults, Task
 from tests.controllers.task_laws import (
-    LAWS,
     PD,
     SPATIAL,
     W,
@@ -247,26 +245,6 @@ def test_computed_torque_turns_the_tip_as_its_gains_say():
         errors.append((np.abs(angle - closed).max(), np.abs(run.tip_error() - critically_damped(run)).max()))
         assert angle[0] > 0.5
     np.testing.assert_allclose(np.divide(*errors), 2.0, rtol=0.02)
-
-
-@pytest.mark.parametrize("kind", LAWS)
-def test_a_restored_state_goes_on_bit_for_bit(kind):
-    """In a phase that began after the start, with a controller model: the law has what it remembers."""
-    changes = planar({"kind": "off"}, 0.01, 0.4, **{"controller_model.robot.payload.mass_kg": 1.2})
-    changes["phases"] = [
-        {"name": "first", "for_s": 0.1, "controller": {"kind": "off"}},
-        {"name": "then", "until": "end", "controller": {"kind": kind, **LAWS[kind]}},
-    ]
-    simulator = Simulator("baseline", changes)
-    simulator.reset()
-    simulator.step(until=0.2)
-    state = SimulatorState.from_bytes(simulator.get_state().to_bytes())
-    simulator.step(until=0.4)
-    again = Simulator("baseline", changes)
-    again.set_state(state)
-    again.step(until=0.4)
-    assert np.array_equal(again.observation.data.qpos, simulator.observation.data.qpos)
-    assert np.abs(simulator.observation.data.qvel[3:6]).min() > 1e-6
 
 
 def test_efforts_of_other_parts_are_accounted_for():

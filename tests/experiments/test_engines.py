@@ -24,7 +24,6 @@ from ffsm_mj.experiments import engines, worker
 from ffsm_mj.experiments.campaign import Campaign
 from ffsm_mj.experiments.driver import EngineLostError
 from ffsm_mj.experiments.engines import loop
-from ffsm_mj.experiments.planning import load_campaign
 from ffsm_mj.experiments.statistics import groups
 from ffsm_mj.experiments.store import RunRow, Store
 from ffsm_mj.experiments.worker import Job
@@ -374,13 +373,6 @@ def test_versions_of_plugins_are_settings(tmp_path: Path, monkeypatch: pytest.Mo
     metadata.write_text("Metadata-Version: 2.1\nName: some_plugin\nVersion: 1.1\n")
     with pytest.raises(InputError, match=r"versions\.some_plugin '1\.0' there, '1\.1' here"):
         Campaign.open(tmp_path / "out").run(loop().open())
-
-
-def test_a_dispersion_that_is_not_applied_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    plan = load_campaign(collisions(tmp_path))
-    monkeypatch.setattr(type(plan.base.source), "overridden", lambda self, _: self)
-    with pytest.raises(InputError, match="the dispersion is not applied"):
-        plan.design()
 
 
 def test_an_internal_error_is_a_failed_run_of_that_outcome(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import json
 import os
 import signal
@@ -17,7 +16,6 @@ from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.controller_protocol import Command
 from ffsm_mj.errors import ControllerError
-from ffsm_mj.log.mcap.sink import McapSink
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.simulation.integrator import EventDrivenIntegrator
 from tests.scenes import ball, box, scene, two_balls
@@ -270,33 +268,6 @@ def test_mujocos_own_errors_end_the_run(tmp_path, monkeypatch):
     run = run_and_read(two_balls(tmp_path), tmp_path)
     assert run.outcome == "diverged"
     assert "MuJoCo gave up (FatalError: mj_stackAlloc: insufficient memory)" in run.message
-
-
-def test_write_failed(tmp_path, monkeypatch):
-    """The disk fills up in mid-run: what was flushed before can be read, and the run says so."""
-    rows = McapSink.rows
-    written = []
-
-    def full(self, block):
-        written.append(len(block))
-        if sum(written) > 2500:
-            raise OSError(errno.ENOSPC, "No space left on device")
-        rows(self, block)
-
-    def wrapped(self, block):
-        from ffsm_mj.errors import LogWriteError
-
-        try:
-            full(self, block)
-        except OSError as error:
-            raise LogWriteError(self._file.partial, error) from error
-
-    monkeypatch.setattr(McapSink, "rows", wrapped)
-    run = ffsm_mj.run(two_balls(tmp_path, duration_s=5.0), out=tmp_path / "out", rerun=False)
-    assert run.outcome == "write_failed"
-    assert "No space left on device" in run.message
-    read = ffsm_mj.load_run(tmp_path / "out")
-    assert len(read.time) > 1000
 
 
 def test_interrupted(tmp_path):

@@ -1,8 +1,6 @@
 """The simulator that steps: the same run as in one go, commands of the caller's own, and states that can be restored."""
 
 import signal
-import subprocess
-import sys
 import threading
 from collections import deque
 from dataclasses import replace
@@ -190,27 +188,6 @@ def test_a_state_at_an_event(tap):
     again = Simulator("tap", TAP)
     again.set_state(state)
     assert same(tap, stepped(again, "event")[1])
-
-
-def test_in_another_process(tap, tmp_path):
-    """Another order of sets of texts there, another memory."""
-    simulator = Simulator("tap", TAP)
-    simulator.reset()
-    simulator.step(until=0.25)
-    (tmp_path / "state").write_bytes(simulator.get_state().to_bytes())
-    simulator.close()
-    program = (
-        "import sys, numpy, ffsm_mj\n"
-        "from ffsm_mj.assembly.simulator import SimulatorState\n"
-        "simulator = ffsm_mj.Simulator('tap', {'duration_s': 0.4})\n"
-        "simulator.set_state(SimulatorState.from_bytes(open(sys.argv[1] + '/state', 'rb').read()))\n"
-        "while not simulator.ended: simulator.step()\n"
-        "numpy.save(sys.argv[1] + '/rows', simulator.close().log.rows)\n"
-    )
-    subprocess.run([sys.executable, "-c", program, str(tmp_path)], check=True, timeout=120)
-    rows = np.load(tmp_path / "rows.npy")
-    assert len(rows) == 31
-    assert np.array_equal(tap.log.rows[-len(rows) :], rows, equal_nan=True)
 
 
 def test_the_log_of_a_restored_run_is_whole(tmp_path, capsys):

@@ -94,20 +94,6 @@ def test_momentum_is_kept_to_order_four(tmp_path):
     assert lost[0] / lost[1] > 12.0
 
 
-@pytest.mark.long(one_of=3)
-@pytest.mark.parametrize("until_s", [0.5, 0.9, 2.15])
-def test_a_run_goes_on_from_a_state_in_the_middle(tmp_path, until_s):
-    """Sliding or sticking, between two ticks; bit for bit, through bytes."""
-    path = rubbing(tmp_path, arm(), 4e-3, duration_s=3.0, **SWUNG)
-    simulator = ffsm_mj.Simulator(path)
-    simulator.reset()
-    simulator.step(until=until_s)
-    state = simulator.get_state().to_bytes()
-    while not simulator.ended:
-        simulator.step()
-    assert is_rest_of(told(simulator.close()), rest(path, {}, state))
-
-
 @pytest.mark.parametrize("until_s", [0.9, 1.6])
 def test_a_logged_run_goes_on_in_the_middle(tmp_path, until_s):
     """From its log alone, where a joint sticks and where both slide; bit for bit."""
