@@ -11,6 +11,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.controller_protocol import StrictModel
+from tests.laws import Law
 from tests.scenes import HEAD, scene
 
 CART = f"""<mujoco>{HEAD}<worldbody><body name="cart"><joint name="x" type="slide" axis="1 0 0"/>
@@ -22,7 +23,7 @@ SPINNER = (
 OFF = [{"name": "coast", "until": "end", "controller": {"kind": "off"}}]
 
 
-class Push:
+class Push(Law):
     """A constant force."""
 
     class Config(StrictModel):
@@ -30,21 +31,9 @@ class Push:
 
         kind: Literal["push"]
 
-    telemetry_signals = ()
-
-    def __init__(self, config, context):
-        """Nothing to prepare."""
-
-    def start(self, observation):
-        """Nothing to prepare."""
-
     def control(self, observation, command):
         """Push with 3 N."""
         command.drive(slice(0, 1), 3.0)
-
-    def telemetry(self):
-        """Nothing."""
-        return ()
 
 
 def test_effort_of_a_constant_force(tmp_path):

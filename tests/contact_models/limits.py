@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from tests.laws import Law
 from tests.scenes import HEAD, scene
 
 SPAN = math.radians(30.0)
@@ -49,18 +50,8 @@ PANEL = f"""<mujoco>{HEAD}<worldbody><body name="target"><freejoint name="free"/
 def driven_by(effort):
     """A control law whose efforts are a function of time, held over each control period."""
 
-    class Driven:
+    class Driven(Law):
         kind = "driven"
-        telemetry_signals = ()
-
-        def __init__(self, _config, _context):
-            pass
-
-        def start(self, _observation):
-            pass
-
-        def telemetry(self):
-            return ()
 
         def control(self, observation, command):
             command.effort[:] = effort(observation.time_s)

@@ -15,6 +15,7 @@ import numpy as np
 import ffsm_mj
 from ffsm_mj.controller_protocol import Command, Observation, Stateful
 from ffsm_mj.state import from_bytes, to_bytes
+from tests.laws import Law
 
 START_S, SAVED, TICKS = 0.3, 12, 24
 
@@ -40,10 +41,8 @@ class Case:
     size: Callable[[int], float] = lambda tick: 0.1 if 0 < tick < 6 else 0.02
 
 
-class Trigger:
+class Trigger(Law):
     """A trigger of a phase as if it were a control law: it commands whether it is due."""
-
-    telemetry_signals = ()
 
     def __init__(self, trigger: Any) -> None:
         self._trigger = trigger
@@ -52,10 +51,6 @@ class Trigger:
     def control(self, observation: Observation, command: Command) -> None:
         """Say whether it is due."""
         command.effort[0] = self._trigger.is_due(observation, START_S, self)
-
-    def telemetry(self) -> tuple[()]:
-        """Nothing."""
-        return ()
 
 
 class OpenLoop:

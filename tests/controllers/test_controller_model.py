@@ -15,6 +15,7 @@ from ffsm_mj.cli.main import main
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.model.properties import property_value
 from ffsm_mj.pytest_plugin import assert_conserved
+from tests.laws import Law
 from tests.scenes import ARM, ball, scene, self_hit
 
 REACH = {"kind": "osdre", "Q": [5.0, 5.0, 8.0, 8.0], "R": [1.0, 1.0], "null_space_damping": 0.1}
@@ -89,9 +90,7 @@ def test_a_law_decides_by_what_it_believes_and_only_that_differs(tmp_path):
 def test_a_law_sees_the_true_state_and_the_model_it_believes_in(tmp_path):
     seen = []
 
-    class Look:
-        telemetry_signals = ()
-
+    class Look(Law):
         def __init__(self, config, context):
             self.model = context.system.mj
 
@@ -105,9 +104,6 @@ def test_a_law_sees_the_true_state_and_the_model_it_believes_in(tmp_path):
                 (observation.time_s, observation.data.time, observation.data.qpos.copy(), observation.data.qvel.copy(), M)
             )
             command.drive(np.array([0, 1]), np.array([0.3, -0.2]))
-
-        def telemetry(self):
-            return ()
 
     path = reaching(tmp_path, {"kind": "look"}, duration_s=0.1)
     run = ffsm_mj.run(path, {"controller_model": HEAVY}, controllers={"look": Look})

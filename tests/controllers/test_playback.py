@@ -17,6 +17,7 @@ from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.controller_protocol import FileName, StrictModel
 from ffsm_mj.errors import InputError
+from tests.laws import Law
 from tests.model.test_pinocchio import oracle
 from tests.scenes import ball, scene, two_balls
 
@@ -224,7 +225,7 @@ def test_at_an_event_the_rest_of_the_tick_is_played(tmp_path):
     assert run["momentum.total_P_x_N_s"][-1] == pytest.approx(4.0 + extra, abs=1e-13)
 
 
-class Looked:
+class Looked(Law):
     """A law of a script with a table of its own."""
 
     class Config(StrictModel):
@@ -233,18 +234,11 @@ class Looked:
         kind: Literal["looked"]
         table: FileName
 
-    telemetry_signals = ()
-
     def __init__(self, config, context):
         (self.force,) = context.recorded["table"].numbers("f")
 
-    def start(self, observation): ...
-
     def control(self, observation, command):
         command.drive([0], self.force)
-
-    def telemetry(self):
-        return ()
 
 
 def test_laws_of_scripts_read_tables_too(tmp_path):

@@ -15,6 +15,7 @@ from tests.controllers.test_script_laws import documented
 from tests.controllers.test_track import ARM as SEVEN
 from tests.controllers.test_track import following
 from tests.controllers.test_track import scene as tracking
+from tests.laws import Law
 from tests.scenes import ball, scene
 
 WHEELS = ["wheel_0", "wheel_1", "wheel_2"]
@@ -166,20 +167,12 @@ def test_every_field_of_every_state_is_needed(outcomes):
 def test_a_part_that_remembers_without_the_pair_is_refused_by_name(tmp_path):
     """A law of a user counts its calls, and no state would have the count."""
 
-    class Counts:
-        telemetry_signals = ()
-
+    class Counts(Law):
         def __init__(self, config, context):
             self._calls = 0
 
-        def start(self, observation):
-            """Nothing to prepare."""
-
         def control(self, observation, command):
             self._calls += 1
-
-        def telemetry(self):
-            return ()
 
     parts = {"arm": HOLD | {"joints": ["shoulder"]}, "mine": {"kind": "counts"}}
     case = craft(tmp_path, {"controllers": parts}, controllers={"counts": Counts})

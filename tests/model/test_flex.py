@@ -13,6 +13,7 @@ import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError
 from tests.contact_models.grasp.scenes import grasping
+from tests.laws import Law
 from tests.replays import proved
 from tests.scenes import HEAD, scene
 
@@ -35,7 +36,7 @@ ARM = f"""<mujoco>{HEAD}<default><joint damping="0.5" armature="0.9"/></default>
 FLEX = {"drive": {"stiffness": K, "damping": 0.0, "gear": GEAR, "rotor_inertia": ROTOR}}
 
 
-class Push:
+class Push(Law):
     """A constant effort; it remembers what it sees."""
 
     seen: ClassVar[list] = []
@@ -48,8 +49,6 @@ class Push:
 
     def control(self, observation, command):
         command.effort[0], command.powered[0] = 0.6, True
-
-    telemetry_signals = ()
 
     def telemetry(self):
         return np.empty(0)

@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import ffsm_mj
 from ffsm_mj.controller_protocol import Command, Observation, StrictModel
+from tests.laws import Law
 from tests.scenes import HEAD, box, scene
 
 SENSORS = """
@@ -38,7 +39,7 @@ def arm(sensors: str = SENSORS) -> str:
       </actuator><sensor>{sensors}</sensor></mujoco>"""
 
 
-class Listener:
+class Listener(Law):
     """A law with given efforts that keeps what it is shown of measurements."""
 
     class Config(StrictModel):
@@ -47,24 +48,16 @@ class Listener:
         kind: Literal["listen"]
         efforts: tuple[float, float, float] = (0.2, 0.02, 6.0)
 
-    telemetry_signals = ()
     shown: list[Observation]
 
     def __init__(self, config: Any, context: Any) -> None:
         self._efforts = config.efforts
         type(self).shown = []
 
-    def start(self, observation: Observation) -> None:
-        """Nothing to prepare."""
-
     def control(self, observation: Observation, command: Command) -> None:
         """Constant efforts."""
         command.effort[:], command.powered[:] = self._efforts, True
         type(self).shown.append(observation)
-
-    def telemetry(self) -> tuple[()]:
-        """Nothing."""
-        return ()
 
 
 def pushing(folder: Path, *, robot: str = "", law: dict[str, Any] | None = None, **scenario: Any) -> Path:

@@ -11,6 +11,7 @@ import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import ControllerError
 from ffsm_mj.replay import replay_log
+from tests.laws import Law
 from tests.replays import assert_replayed
 from tests.scenario.test_scenario import faults
 from tests.servos.scenes import START, link, link_scene, run_link, steps
@@ -171,22 +172,14 @@ def test_a_run_goes_on_from_its_setpoints(tmp_path):
     assert whole["rows"].shape[0] > 200
 
 
-class NotANumber:
+class NotANumber(Law):
     """Commands a rate that is none from 0.05 s on."""
-
-    telemetry_signals = ()
 
     def __init__(self, config, context):
         self._rate = context.system.index("actuator", "servo.vel")
 
-    def start(self, observation):
-        pass
-
     def control(self, observation, command):
         command.set([self._rate], np.nan if observation.time_s >= 0.05 else 0.1)
-
-    def telemetry(self):
-        return ()
 
 
 def test_a_setpoint_that_is_no_number_is_named(tmp_path):

@@ -10,6 +10,7 @@ from ffsm_mj.analysis.run_models import effort
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.dynamics.actuators import ForceLimits
 from ffsm_mj.errors import ControllerError
+from tests.laws import Law
 from tests.replays import assert_replayed
 from tests.scenario.test_scenario import faults
 from tests.scenes import ARM, HEAD, ball
@@ -143,22 +144,11 @@ def test_servos_on_a_tendon_drive_both_its_joints(tmp_path):
     assert any("beyond" in fault for fault in faults(path=path))
 
 
-class NotANumber:
+class NotANumber(Law):
     """Commands a setpoint that is none."""
-
-    telemetry_signals = ()
-
-    def __init__(self, config, context):
-        pass
-
-    def start(self, observation):
-        pass
 
     def control(self, observation, command):
         command.set([0], np.nan)
-
-    def telemetry(self):
-        return ()
 
 
 def test_setpoints_that_are_no_numbers_end_the_run(tmp_path):

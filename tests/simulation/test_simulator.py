@@ -22,6 +22,7 @@ from ffsm_mj.controller_protocol import Command
 from ffsm_mj.errors import InputError
 from ffsm_mj.state import StateError
 from ffsm_mj.unchanging import Unchanging, with_state
+from tests.laws import Law
 
 TAP = {"duration_s": 0.4}
 """Four impacts with a wall from 0.08 s on, then contact that lasts from 0.22 to 0.33 s; a control tick takes 5 ms."""
@@ -213,21 +214,14 @@ def test_a_state_of_another_scenario_is_refused():
     first.close()
 
 
-class Keeps:
+class Keeps(Law):
     """Counts its calls, and has no word for that."""
-
-    telemetry_signals = ()
 
     def __init__(self, config, context):
         self.calls = 0
 
-    def start(self, observation): ...
-
     def control(self, observation, command):
         self.calls += 1
-
-    def telemetry(self):
-        return ()
 
 
 OF_SCRIPT = {"phases": [{"name": "a", "until": "end", "controller": {"kind": "law"}}], "duration_s": 0.02}

@@ -15,6 +15,7 @@ from ffsm_mj.errors import InputError
 from ffsm_mj.log.scenario import compile_log
 from ffsm_mj.replay import replay_log
 from tests.contact_models.grasp.scenes import OFF, grasping, stone
+from tests.laws import Law
 from tests.replays import proved
 from tests.scenes import scene
 
@@ -202,17 +203,13 @@ def test_a_latch_is_refused_with_its_place(tmp_path):
         assert message in error.value.lines[0]
 
 
-class Sees:
+class Sees(Law):
     """A control law that notes angle and rate of the latch, and the pose of the object."""
 
-    telemetry_signals = ()
     seen: ClassVar[list] = []
 
     def __init__(self, _, context):
         self._system = context.system
-
-    def start(self, _):
-        pass
 
     def control(self, observation, _):
         if observation.grasps == ("soft",):
@@ -221,24 +218,14 @@ class Sees:
             np.testing.assert_allclose(*place, rtol=0, atol=1e-13)
             self.seen.append((observation.data.qpos[joint.qpos][0], observation.data.qvel[joint.dofs][0]))
 
-    def telemetry(self):
-        return ()
 
-
-class Still:
+class Still(Law):
     """An estimator to which nothing ever moves."""
-
-    telemetry_signals = ()
 
     class Config(StrictModel):
         """Its kind."""
 
         kind: Literal["still"]
-
-    def __init__(self, *_):
-        pass
-
-    start = telemetry = lambda *_: ()
 
     def update(self, time_s, measured, events, data):
         pass

@@ -20,6 +20,7 @@ from ffsm_mj.records.signals import COMPONENTS
 from ffsm_mj.replay import replay_log
 from tests.contact_models.grasp.scenes import ARM, OFF, grasping
 from tests.contact_models.impact.test_fixed import slab
+from tests.laws import Law
 from tests.replays import proved
 from tests.scenes import ball, scene
 
@@ -209,16 +210,11 @@ def test_a_spring_on_what_is_held_is_no_part_of_the_load(tmp_path, on):
     np.testing.assert_allclose(along(run, "grasp", rows)[:, 0], MASS["target"] * a + spring, atol=1e-12)
 
 
-class Lean:
+class Lean(Law):
     """A thruster pushes the base ahead while the arm is held stiff."""
-
-    telemetry_signals = ()
 
     def __init__(self, _, context):
         self._joints = [context.system.joint(name) for name in ("shoulder", "elbow")]
-
-    def start(self, _):
-        """Nothing to begin."""
 
     def control(self, observation, command):
         angles, rates = (
@@ -226,9 +222,6 @@ class Lean:
             for array, which in ((observation.data.qpos, "qpos"), (observation.data.qvel, "dofs"))
         )
         command.drive(slice(None), np.append(-20.0 * angles - 4.0 * rates, 12.0))
-
-    def telemetry(self):
-        return ()
 
 
 def leaning(folder):

@@ -20,6 +20,7 @@ from ffsm_mj.replay import replay_log
 from ffsm_mj.report.run_report import run_report
 from ffsm_mj.verification.truncation import ExplainedChecks
 from tests.contact_models.grasp.scenes import BOUNDS, FLAT_TARGET, NEAR, OFF, TARGET, TOUCH, grasping, stone
+from tests.laws import Law
 from tests.replays import proved
 from tests.scenes import ball, scene
 
@@ -293,9 +294,7 @@ def test_a_law_is_made_for_what_moves(tmp_path):
     """While the object is held a law sees the system in which it is a part of the robot, and the free one beside it."""
     seen = []
 
-    class Look:
-        telemetry_signals = ()
-
+    class Look(Law):
         def __init__(self, _, context):
             self._system = context.system
 
@@ -314,9 +313,6 @@ def test_a_law_is_made_for_what_moves(tmp_path):
             if observation.time_s == 1.5:
                 command.requests.add("grasp.release")
 
-        def telemetry(self):
-            return ()
-
     phases = [{"name": "all", "until": "end", "arm": ["grasp"], "controller": {"kind": "look"}}]
     run = ffsm_mj.run(grasping(tmp_path, phases=phases), controllers={"look": Look})
     assert run.outcome == "completed", run.message
@@ -327,14 +323,9 @@ def test_a_law_is_made_for_what_moves(tmp_path):
 def test_what_a_law_believes_of_the_object_it_believes_of_what_is_held(tmp_path):
     seen = []
 
-    class Look:
-        telemetry_signals = ()
-
+    class Look(Law):
         def __init__(self, _, context):
             self._model = context.system.mj
-
-        def start(self, _):
-            pass
 
         def control(self, observation, _):
             root = self._model.body("target/target").id
@@ -342,9 +333,6 @@ def test_what_a_law_believes_of_the_object_it_believes_of_what_is_held(tmp_path)
             if observation.grasps:
                 seen.append(float(self._model.body_subtreemass[1]))
                 np.testing.assert_allclose(observation.data.xpos[root], observation.free.xpos[4], atol=1e-14)
-
-        def telemetry(self):
-            return ()
 
     phases = [{"name": "all", "until": "end", "arm": ["grasp"], "controller": {"kind": "look"}}]
     path = grasping(tmp_path, phases=phases, controller_model={"target": {"target": {"mass_kg": 5.0}}}, duration_s=1.0)
@@ -365,15 +353,6 @@ def test_a_closed_grasp_that_is_armed_is_refused_by_name(tmp_path):
 
 def test_what_may_have_been_let_go_may_be_taken_again(tmp_path):
     """A phase, an end by a release or a law of one's own that may ask for it: no second grasp then."""
-
-    class Lets:
-        telemetry_signals = ()
-
-        def __init__(self, *_):
-            pass
-
-        start = control = telemetry = lambda *_: ()
-
     meet = {"name": "meet", "until": "grasp", "arm": ["grasp"], "controller": OFF}
     last = {"name": "again", "until": "end", "arm": ["grasp"], "controller": OFF}
     for k, between in enumerate(
@@ -384,7 +363,7 @@ def test_what_may_have_been_let_go_may_be_taken_again(tmp_path):
         )
     ):
         phases = [meet, {"name": "between", **between}, last]
-        prepare(grasping(tmp_path / str(k), phases=phases), controllers={"lets": Lets})
+        prepare(grasping(tmp_path / str(k), phases=phases), controllers={"lets": Law})
 
 
 @pytest.mark.parametrize(
@@ -431,19 +410,11 @@ def test_what_a_phase_says_of_grasps_is_checked(tmp_path):
 
 
 def test_a_phase_that_waits_for_a_capture_arms_one_or_a_law_may_have(tmp_path):
-    class Arms:
-        telemetry_signals = ()
-
-        def __init__(self, *_):
-            pass
-
-        start = control = telemetry = lambda *_: ()
-
     wait = {"name": "wait", "until": "grasp", "controller": OFF}
     with pytest.raises(InputError, match=r"phases\.0\.until: no grasp is armed, .*; write 'arm: \[grasp\]'"):
         prepare(grasping(tmp_path / "none", phases=[wait]))
     asked = {"name": "ask", "for_s": 0.1, "controller": {"kind": "arms"}}
-    prepare(grasping(tmp_path / "asked", phases=[asked, wait]), controllers={"arms": Arms})
+    prepare(grasping(tmp_path / "asked", phases=[asked, wait]), controllers={"arms": Law})
     prepare(grasping(tmp_path / "timed", phases=[{**wait, "for_s": 0.5}]))
 
 
@@ -453,13 +424,9 @@ def test_an_object_that_cannot_follow_and_a_law_that_cannot_drive_are_refused_wh
     with pytest.raises(InputError, match="the joints of 'target/target' cannot take the poses"):
         prepare(path)
 
-    class Free:
-        telemetry_signals = ()
-
+    class Free(Law):
         def __init__(self, _, context):
             context.system.joint("target/free")
-
-        start = control = telemetry = lambda *_: ()
 
     phases = [{"name": "all", "until": "end", "controller": {"kind": "free"}}]
     with pytest.raises(
@@ -478,14 +445,6 @@ def test_check_lists_what_is_disarmed_and_the_watch_leaves_it_out(tmp_path, capf
 
 
 def test_check_says_which_grasp_no_phase_arms(tmp_path, capfd):
-    class Arms:
-        telemetry_signals = ()
-
-        def __init__(self, *_):
-            pass
-
-        start = control = telemetry = lambda *_: ()
-
     sites = {"robot_site": "grip", "object_site": "handle"}
     grasps = {"grasp": {**sites, "when": TOUCH}, "spare": {**sites, "when": NEAR}}
     path = grasping(tmp_path / "scene", grasps=grasps)
@@ -493,7 +452,7 @@ def test_check_says_which_grasp_no_phase_arms(tmp_path, capfd):
     told = [line for line in capfd.readouterr().out.splitlines() if "arms" in line]
     assert told == ["note: no phase arms the grasp 'spare', so it never closes; write 'arm: [spare]' in a phase"]
     asked = {"name": "ask", "until": "end", "controller": {"kind": "arms"}}
-    lines = prepare(grasping(tmp_path / "asked", phases=[asked]), controllers={"arms": Arms}).describe()
+    lines = prepare(grasping(tmp_path / "asked", phases=[asked]), controllers={"arms": Law}).describe()
     assert any("'grasp', so it never closes unless the control law of phase 'ask' requests it" in line for line in lines)
 
 

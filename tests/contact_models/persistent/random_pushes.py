@@ -11,6 +11,7 @@ import numpy as np
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.controller_protocol import StrictModel
 from ffsm_mj.errors import InputError
+from tests.laws import Law
 from tests.scenes import HEAD, scene
 
 STEPS_S = (5e-4, 1e-3, 2e-3, 5e-3, 1e-2)
@@ -25,25 +26,18 @@ class PushesConfig(StrictModel):
     hold_s: float
 
 
-class Pushes:
+class Pushes(Law):
     """Whatever it is told: efforts that jump."""
 
     Config = PushesConfig
-    telemetry_signals = ()
 
     def __init__(self, config, context):
         self._efforts, self._hold_s = config.efforts, config.hold_s
         self._motors = range(context.system.mj.nu)
 
-    def start(self, observation):
-        """Nothing to take."""
-
     def control(self, observation, command):
         row = min(int(observation.time_s / self._hold_s + 1e-9), len(self._efforts) - 1)
         command.drive(list(self._motors), np.array(self._efforts[row]))
-
-    def telemetry(self):
-        return ()
 
 
 LAWS = {"pushes": Pushes}
