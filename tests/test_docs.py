@@ -56,6 +56,7 @@ def latest(baseline_folder, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("latest")
 def test_the_verification_is_what_the_command_prints(capsys):
     assert main(["analyze"]) == 0

@@ -103,6 +103,7 @@ def test_without_uv_pip_installs_it(environment):
     assert installation.add_extra("html", "k3d") == f"{prefix}/bin/python -m pip install k3d"
 
 
+@pytest.mark.long
 def test_the_module_is_a_program(tmp_path):
     """``python -m ffsm_mj``; its hints begin so too."""
     command = [sys.executable, "-m", "ffsm_mj", "run", "coasting", "-s", "duration_s=0.01", "--no-rerun", "--out", "a"]

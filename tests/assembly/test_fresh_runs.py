@@ -134,6 +134,7 @@ def test_the_recipes_are_what_they_should_be(tmp_path):
     assert recipe("gripped", tmp_path).run().records["welds"]
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("name", ["tilting", "grasping"])
 def test_no_order_comes_from_hashes(tmp_path, monkeypatch, name):
     """Objects that hash by their address come in another order in a set of every process: here by a random number."""

@@ -121,6 +121,7 @@ def timed(data, model):
     return bool(np.any(data.timer.duration))
 
 
+@pytest.mark.long
 def test_mujoco_s_clock_stands_still_in_a_run_and_goes_on_afterwards(tmp_path):
     """One of the user's own goes on in the run too."""
     model = mujoco.MjModel.from_xml_string("<mujoco/>")

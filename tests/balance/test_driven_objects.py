@@ -130,6 +130,7 @@ def berthing(folder, latch, **changes):
     )
 
 
+@pytest.mark.long(one_of=3)
 @pytest.mark.parametrize("latch", KINDS)
 def test_a_grasped_object_drives_itself(tmp_path, latch):
     """What its wheels and thrusters do is its own, and what the latch passes on is the robot's: all checks hold."""

@@ -168,6 +168,7 @@ WRAP = '<spatial name="cord"><site site="anchor"/><geom geom="drum"/><site site=
 """A cord around a drum on the base."""
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("tendon", [cord(""), WRAP])
 def test_a_motor_pulls_a_cord(tmp_path, tendon):
     """Constant forces on the length: work = sum of force times change of length, and no momentum."""

@@ -41,6 +41,7 @@ def sliding(folder, restitution=0.0, actuator="", rate=1.0, **scenario):
     )
 
 
+@pytest.mark.long(one_of=3)
 @pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
 def test_a_cord_stops_two_masses(tmp_path, e):
     """At t = 0.1 s the impulse is (1 + e) mu v, whatever the body that carries both; momenta are kept."""
@@ -109,6 +110,7 @@ def test_a_log_whose_impact_is_changed_fails(logged, tmp_path, field, value):
     assert main(["analyze", changed(logged, tmp_path / "x.mcap", change)]) == 1
 
 
+@pytest.mark.long(one_of=3)
 @pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
 def test_a_cord_of_coupled_masses(tmp_path, e):
     """s_1 = -2 s_2: along their distance l the masses move by 2/3 and -1/3, and the bus by what keeps the momentum."""

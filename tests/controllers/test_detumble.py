@@ -36,6 +36,7 @@ def test_one_wheel_and_a_rigid_hub_have_the_closed_form(tmp_path):
     assert left(run) == pytest.approx(L * kept, rel=1e-11)
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("axes", [ORTHOGONAL, PYRAMID], ids=["orthogonal", "pyramid"])
 def test_the_stack_comes_to_rest_and_its_wheels_have_its_momentum(tmp_path, axes):
     """In a turned and moving frame; L falls as exp(-k t) from 1 N m s to 2e-9, and h of the wheels is L to that."""
@@ -132,6 +133,7 @@ def test_thrusters_take_over_from_saturated_wheels_without_net_force(tmp_path, k
     np.testing.assert_allclose(robot[-1], robot[0], atol=1e-9)
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("jets", [False, True])
 def test_what_no_wheel_has_an_axis_for_is_left_to_the_thrusters(tmp_path, jets):
     """One wheel takes its part; the rest stays and is told of, or goes out by proportional jets, to less than 1e-6."""

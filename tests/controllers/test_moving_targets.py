@@ -74,6 +74,7 @@ def chasing(self, motion, data):
 FOLLOW = TaskModel._follow
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("parameterization", ["output_stack", "velocity"])
 def test_the_lag_of_osdre(parameterization, monkeypatch):
     """0.76 m of 1 m in 5 s behind a target that it takes for one at rest; 5 or 6 mm (10 ms) with its motion."""
@@ -108,6 +109,7 @@ def test_osdre_towards_a_target_at_rest_is_the_paper_s(case_study, rng, paramete
     np.testing.assert_allclose(*efforts, rtol=0, atol=1e-9 * np.abs(efforts[0]).max())
 
 
+@pytest.mark.long(one_of=3)
 @pytest.mark.parametrize("kind", LAWS)
 def test_all_laws_follow(kind):
     """Those that use the acceleration within 3 mm at 10 ms, resolved rates by 1/k_v of it, springs alone with a lag."""

@@ -105,6 +105,7 @@ def test_a_plugin_whose_config_cannot_be_built_harms_only_who_asks_for_it(tmp_pa
     assert "the plugin for kind 'broken' cannot be used (Pydantic" in done.stderr
 
 
+@pytest.mark.long
 def test_a_plugin_without_a_config_is_named(tmp_path):
     environment = install(tmp_path, "bare_laws", "class Law: pass\n", "bare = bare_laws:Law")
     done = ffsm(environment, "check", "baseline", "-s", "phases.1.controller={kind: bare}")

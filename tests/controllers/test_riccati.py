@@ -71,6 +71,7 @@ def exact(A, S, Q, start):
         return np.array([[float(K[i, j]) for j in range(n)] for i in range(n)])
 
 
+@pytest.mark.long(one_of=3)
 @pytest.mark.slow
 @pytest.mark.parametrize("ratio", [1.0, 0.1, 0.01])
 def test_against_forty_digits(ratio, rng):
@@ -274,6 +275,7 @@ def K_lower_padded(K_lower):
     return np.vstack((np.zeros_like(K_lower), K_lower))
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("p", [1, 3])
 def test_doubling_against_forty_digits(p, rng):
     """1e-12 relative down to sigma_min / sigma_max = 0.1, as for two outputs."""

@@ -149,6 +149,7 @@ ERROR, UPDATE, RESPONSE = TaskModel._attitude_error, TaskModel.update, TaskModel
 MOTION, ACCELERATION = SiteMotion.update, SiteMotion.acceleration
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize(
     ("base", "cls", "method", "mistake"),
     [

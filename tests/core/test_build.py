@@ -32,6 +32,7 @@ def test_version_log_and_check_name_the_core(tmp_path, capsys):
     assert ffsm_mj.run(path).log.header.metadata["version core"] == BUILT
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize(
     ("before", "reason"),
     [

@@ -70,6 +70,7 @@ def assert_damped(laws, B2, rates):
     np.testing.assert_allclose(laws[1].effort, laws[0].effort - damping, rtol=0.0, atol=1e-11 * (1.0 + np.abs(rates).max()))
 
 
+@pytest.mark.long(one_of=3)
 @pytest.mark.parametrize("whole_stack", [True, False])
 @pytest.mark.parametrize("axes", [(0, 1), (1, 0), (0, 2), (2, 0), (2, 1)])
 def test_two_outputs(arm, rng, axes, whole_stack):

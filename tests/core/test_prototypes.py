@@ -66,6 +66,7 @@ def test_a_header_that_changes_is_noticed(copy):
     assert refused(copy) == ["mujoco.h declares mj_mulM otherwise", "mujoco.h declares mj_solveM otherwise"]
 
 
+@pytest.mark.long
 def test_a_wrong_prototype_does_not_compile(copy):
     """Another type, an argument less, const lost, another result; and a function that would get no address."""
     changed(

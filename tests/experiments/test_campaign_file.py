@@ -341,6 +341,7 @@ def test_shipped_campaigns_are_valid(name):
         pytest.fail(f"not applicable: {plan.not_applicable}")
 
 
+@pytest.mark.long(one_of=5)
 @pytest.mark.parametrize("name", campaign_names())
 def test_the_committed_schema_is_current_and_takes_the_shipped_campaigns(name, capsys):
     assert main(["schema", "--campaign"]) == 0

@@ -53,6 +53,7 @@ def test_no_campaign_wins_where_the_interval_contains_zero():
     assert (same.mean, same.low, same.high, same.lower, same.higher) == (0.0, 0.0, 0.0, 0, 0)
 
 
+@pytest.mark.long
 def test_intervals_contain_the_mean_as_often_as_they_say():
     """Of 200 intervals of 16 normal values 190 contain the mean, and of 100 of 30 exponential ones 95.
 

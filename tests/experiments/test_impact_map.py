@@ -253,6 +253,7 @@ def test_another_face_of_the_object_is_met_with_the_same_speed(planar):
     assert np.linalg.norm(target.velocity) == pytest.approx(np.linalg.norm(planar.target.velocity), rel=1e-12)
 
 
+@pytest.mark.long(one_of=3)
 @pytest.mark.parametrize(
     ("given", "message"),
     [

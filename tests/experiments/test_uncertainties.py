@@ -47,6 +47,7 @@ def test_five_further_runs_are_inside_the_interval(of_place):
     assert found[2] - of_place.nominal[0] == pytest.approx(of_place.derivative[0, 0] * 1e-4, rel=1e-2)
 
 
+@pytest.mark.long
 def test_secant_and_exact_agree_on_a_coasting_run(coasting):
     """Secants over h differ from derivatives by h^2: 1e-5 of them is far below the digits compared."""
     of = ("impacts.0.impulse_N_s", "impacts.0.time_s")

@@ -95,6 +95,7 @@ def test_a_flipped_byte_is_detected_and_loses_at_most_one_chunk(finished, tmp_pa
         assert len(got.time) >= len(run.time) - CHUNK_ROWS
 
 
+@pytest.mark.long(one_of=4)
 @pytest.mark.parametrize("offset", [200, 3, 0, 40], ids=["content", "length", "opcode", "compression"])
 def test_reading_continues_after_a_damaged_chunk(finished, tmp_path, capsys, offset):
     """The samples of the largest chunk of the first half are missing, all others are read, and ``analyze`` lists them.

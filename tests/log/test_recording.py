@@ -54,6 +54,7 @@ def entities(path, detail="-v"):
     return done.stdout
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("source", ["run", "log"])
 def test_a_recording_holds_scene_plots_phases_and_events(tmp_path, source):
     path = two_balls(tmp_path)

@@ -33,6 +33,7 @@ def listeners(port: int) -> set[str]:
 TABLE = pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="no table of sockets")
 
 
+@pytest.mark.long(one_of=2)
 @TABLE
 @pytest.mark.parametrize(("options", "expected"), [({}, HERE), ({"listen": "0.0.0.0"}, EVERYWHERE)])
 def test_the_socket_of_the_viewer(options, expected):

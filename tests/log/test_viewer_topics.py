@@ -129,6 +129,7 @@ def test_events_are_logged_as_text(tumbling):
     assert (OUTCOME.sentence(failed), OUTCOME.warning(failed)) == ("diverged: qpos is not finite", True)
 
 
+@pytest.mark.long
 def test_rerun_reads_poses_outlines_and_text(tumbling, tmp_path):
     """Rerun's MCAP importer reads transforms by frame name, a cloud in each frame, and the text log."""
     path, _, _ = tumbling

@@ -42,6 +42,7 @@ def room(folder, equality, joints=None, rates=None, **keys):
     return path
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("kind", ["weld", "connect"])
 def test_an_object_in_the_hand_from_the_start(tmp_path, kind):
     """The object without a value comes to the hand, and its rates follow; what the robot loses, it gains."""

@@ -172,6 +172,7 @@ def reaching(folder, law, mjcf=None, joints=CRANKS, task=REACH, **scenario):
 GAINS = {"kp_1_s2": 9, "kd_1_s": 6}
 
 
+@pytest.mark.long(one_of=3)
 @pytest.mark.parametrize(
     "law",
     [

@@ -209,6 +209,7 @@ def test_a_scene_has_no_soft_forces(tmp_path):
     assert b == pytest.approx(-3.0 * a, abs=1e-12)
 
 
+@pytest.mark.long(one_of=3)
 @pytest.mark.parametrize("step_s", [1e-4, 1e-3, 4e-3])
 @pytest.mark.parametrize("bars", [2, 3])
 def test_a_change_point_ends_the_run(tmp_path, bars, step_s):

@@ -183,6 +183,7 @@ def test_a_chunk_that_states_8_gib_is_damage(tmp_path, log, in_frame):
     assert np.array_equal(run.qpos, ffsm_mj.load_run(log).qpos)
 
 
+@pytest.mark.long
 def test_a_frame_that_states_more_than_its_chunk_is_damage(tmp_path, log):
     bomb = chunk(b"x" * 100, packed=frame_of(8 << 30, b"x" * 100))
     code, complaint, _ = limited("export", str(loaded(log, tmp_path / "bomb.mcap", bomb)), "--csv")
@@ -202,6 +203,7 @@ def test_chunks_too_large_for_their_file_are_refused(tmp_path, log, monkeypatch)
     assert not ffsm_mj.load_run(log).damage
 
 
+@pytest.mark.long
 def test_a_chunk_of_too_many_different_records_is_damage(tmp_path, log):
     bomb = chunk((message(0) + message(0, 2)) * 60_000)
     start = time.monotonic()

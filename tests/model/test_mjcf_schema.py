@@ -215,6 +215,7 @@ def assert_equal_to_alone(folder, case):
     return own
 
 
+@pytest.mark.long(one_of=3)
 @pytest.mark.parametrize("where", [where for where in COMPARED if tuple(where.split("@")) in marked("modelled")])
 def test_what_is_modelled_is_that_of_the_file_alone(tmp_path, plain, where):
     """An attribute that is modelled also changes some of the forces, or the case would prove nothing."""

@@ -27,6 +27,7 @@ TRANSMISSIONS = {
 }
 
 
+@pytest.mark.long(one_of=3)
 @pytest.mark.parametrize("what", TRANSMISSIONS)
 def test_what_acts_is_entered_in_the_balance(tmp_path, what):
     """A run with efforts of every transmission that is accepted passes its energy and momentum checks."""

@@ -22,7 +22,7 @@ def product(tmp_path_factory):
     return folder
 
 
-@pytest.mark.long(one_of=30)
+@pytest.mark.long(one_of=70)
 @pytest.mark.parametrize("mutant", MUTANTS, ids=[each.name for each in MUTANTS])
 def test_a_mistake_is_seen(mutant: Mutant, product: Path, tmp_path: Path):
     """Or the page says why no check sees it, and then none does."""

@@ -40,6 +40,7 @@ def said(folder, run):
         return " ".join(oracle_differences(folder, run))
 
 
+@pytest.mark.long
 def test_right_logs_are_right(runs):
     for folder, run in runs.values():
         assert said(folder, run) == ""

@@ -9,12 +9,12 @@ from tests.random_scenes.judge import judge
 
 SEEDS = 1000
 SHARES = 20
-"""A plain run takes the first seed of a third of the shares, ``--long`` all."""
+"""A plain run takes the first seed of a fifth of the shares, ``--long`` all."""
 MOST_ENDS = 0.02
 """Largest share of seeds that are refused or end early."""
 
 
-@pytest.mark.long(one_of=3)
+@pytest.mark.long(one_of=5)
 @pytest.mark.parametrize("share", range(SHARES))
 def test_run_checks_replay_and_oracle_agree(tmp_path, share):
     seeds = range(share, SEEDS, SHARES)

@@ -113,6 +113,7 @@ def plain(tmp_path_factory):
     return path, ffsm_mj.run(path, out=folder / "out", rerun=True), read(folder / "out" / "run.rrd")
 
 
+@pytest.mark.long
 @given(parts=PARTS)
 @settings(max_examples=8, deadline=None)
 def test_added_signals_are_read_back_and_change_no_other_column(plain, parts):

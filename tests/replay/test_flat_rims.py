@@ -47,6 +47,7 @@ def landing(folder, tilt):
     )
 
 
+@pytest.mark.long(one_of=3)
 @pytest.mark.parametrize("tilt", [1e-7, 5e-7, 7e-7])
 def test_forces_on_a_rim_agree_to_what_the_state_determines(tmp_path, tilt):
     """The tilt is some 1e-6 rad, the rounding of a transfer 1e-15 rad: forces agree to 1e-9, and not to 1e-10."""

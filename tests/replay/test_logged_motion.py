@@ -75,6 +75,7 @@ def test_so_is_that_of_a_log_with_changes(scene, tmp_path, monkeypatch, rng):
     in_core(replace(log, rows=np.array(log.rows)[kept]), monkeypatch)
 
 
+@pytest.mark.long
 def test_a_force_where_nothing_touches_fails_its_check(tmp_path, monkeypatch):
     """In the middle of free flight, which the core takes but for that row."""
     log = ffsm_mj.run(two_balls(tmp_path, restitution=0.0)).log

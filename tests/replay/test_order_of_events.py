@@ -39,6 +39,7 @@ def test_impact_capture_and_impact_again_at_one_instant(tmp_path):
     assert again.agrees, again.worst
 
 
+@pytest.mark.long
 def test_two_grasps_that_close_at_one_impact_with_friction(tmp_path):
     """The impact is the first of the three: neither latch is closed at it, whatever their impulses do to the velocities."""
     touch = {"touch": ["hand-target/target"]}

@@ -228,6 +228,7 @@ def test_without_models_nothing_is_claimed(hit):
     assert (again.samples, again.worst) == (0, {})
 
 
+@pytest.mark.long
 def test_states_that_are_no_numbers_end_nothing(hit):
     for value in (np.nan, np.inf, 1e300):
         for key in STATES + EFFORTS:

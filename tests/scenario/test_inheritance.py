@@ -184,6 +184,7 @@ def test_the_run_folder_needs_no_parent(folder, tmp_path):
     assert run.name == "child"
 
 
+@pytest.mark.long(one_of=5)
 @pytest.mark.parametrize("name", scenario_names())
 def test_editors_accept_the_shipped_files_as_they_stand(name):
     editor.check(json.loads(json.dumps(YAML(typ="safe").load(scenario_path(name)))))

@@ -329,6 +329,7 @@ def test_a_robot_without_motors_names_the_cure(tmp_path):
     assert "the robot has no motor-driven joint; add <motor joint=.../> to its MJCF" in line
 
 
+@pytest.mark.long(one_of=5)
 @pytest.mark.parametrize("name", scenario_names())
 def test_shipped_scenarios_are_valid_and_point_to_the_schema(name):
     path = scenario_path(name)

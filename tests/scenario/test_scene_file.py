@@ -89,6 +89,7 @@ def _pairs(scene):
     return resolve_contacts(ContactsConfig(), scene.system).pairs
 
 
+@pytest.mark.long
 def test_a_run_is_that_of_files_of_their_own(tmp_path):
     """Bit for bit: the same trees in the same order."""
     one = ffsm_mj.run(room(tmp_path), out=tmp_path / "out")

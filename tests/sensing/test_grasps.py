@@ -142,6 +142,7 @@ LOAD = """<mujoco><option gravity="0 0 0"/><worldbody><body name="load"><freejoi
   <inertial pos="0 0 0" mass="2" diaginertia="0.02 0.02 0.02"/><site name="handle"/></body></worldbody></mujoco>"""
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("changes", [{}, {"time_step_s": 0.005, "accuracy": 1e-9}], ids=["fixed", "divided"])
 def test_a_wrist_feels_what_its_stop_takes_up(tmp_path, changes):
     """At its stop with the load in hand all is one spinning body: 3 kg are held at their distance from the common centre.

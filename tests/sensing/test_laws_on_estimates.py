@@ -13,6 +13,7 @@ GAINS = {kind: law for kind, law in LAWS.items() if kind != "rns"} | {"lqr": {"Q
 """Without the reaction null space: two joints cannot hold a base that turns about three axes."""
 
 
+@pytest.mark.long(one_of=3)
 @pytest.mark.parametrize("kind", GAINS)
 def test_ideal_sensors_give_the_run_of_the_true_state(tmp_path, kind):
     """Up to rounding, 1e-16 through gains of some 100."""

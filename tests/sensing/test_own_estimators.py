@@ -174,6 +174,7 @@ def test_telemetry_that_cannot_be_columns_is_a_fault_of_the_estimator(tmp_path, 
     assert "scene.yaml" in line
 
 
+@pytest.mark.long
 def test_a_plugin_that_is_broken_is_named(tmp_path):
     environment = install(tmp_path / "bad", "bad", "import nothing_like_this\n", "broken = bad:Law", group="estimators")
     done = ffsm(environment, "check", str(scenario(tmp_path, estimator={"kind": "broken"})))

@@ -131,6 +131,7 @@ def cases(tmp_path_factory):
     return {name: case(tmp_path_factory.mktemp(name)) for name, case in CASES.items()}
 
 
+@pytest.mark.long(one_of=3)
 @pytest.mark.parametrize("saved", SAVED)
 @pytest.mark.parametrize("name", CASES)
 def test_goes_on_bit_for_bit(name, saved, cases):

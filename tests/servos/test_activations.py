@@ -134,6 +134,7 @@ def test_activations_of_the_next_step_or_by_steps_of_mujoco_are_wrong(tmp_path, 
         assert np.abs(errors).max() > least
 
 
+@pytest.mark.long(one_of=4)
 @pytest.mark.parametrize("what", [what for what in CASES if what != "motor without inductance"])
 def test_a_run_goes_on_from_its_activation(tmp_path, what):
     """From bytes, bit by bit, in every kind of activation."""

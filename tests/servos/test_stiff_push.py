@@ -37,6 +37,7 @@ def push(folder, mu, step_s, duration_s):
     )
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("mu", [0.0, 0.5])
 def test_divided_steps_and_a_contact_that_ends_inside_one(tmp_path, mu):
     """Robot and objects gain what the contact gives them, as the checks say; with friction the tip sticks first."""

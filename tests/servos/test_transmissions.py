@@ -23,6 +23,7 @@ def law(setpoint, folder):
     return {"kind": "playback", "file": "setpoints.csv"}
 
 
+@pytest.mark.long(one_of=3)
 @pytest.mark.parametrize(
     "actuator",
     [

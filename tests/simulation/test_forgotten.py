@@ -210,6 +210,7 @@ def states(tmp_path_factory):
     return state
 
 
+@pytest.mark.long(one_of=3)
 @pytest.mark.parametrize(("scene", "kind", "field"), CASES)
 def test_a_field_that_is_forgotten(states, scene, kind, field):
     """The rest of the run differs, or there is none."""

@@ -85,6 +85,7 @@ def assert_same(runs):
     return taken
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("case", RUNS)
 def test_a_run_is_the_same_without_free_flight(both, case):
     ticks = assert_same(both(*RUNS[case]))
@@ -115,6 +116,7 @@ def test_an_event_that_cannot_be_written_leaves_the_rows_written_once(monkeypatc
     assert len(run.log.records["internal_errors"]) == 1
 
 
+@pytest.mark.long(one_of=3)
 @pytest.mark.parametrize(("pad", "slip"), [("plates", 0.05), ("balls", 0.05), ("plates", 2e-4)])
 def test_sliding_is_the_same_without_free_flight(both, tmp_path, pad, slip):
     """Bit by bit, too: the clock of the log decides which of them takes a tick. A slow slip stops within the run."""

@@ -150,6 +150,7 @@ class Unprintable(Exception):
         raise ValueError("no text")
 
 
+@pytest.mark.long(one_of=3)
 @pytest.mark.parametrize(
     ("fault", "words"),
     [

@@ -138,6 +138,7 @@ def later(logged, folder, text="", begin="{from: tap, at_s: 0.1}"):
 PLASTIC = "contacts: {rules: [{name: paddle, restitution: 0.0}, {name: wall}]}\n"
 
 
+@pytest.mark.long
 def test_a_scenario_goes_on_from_a_run(logged, tmp_path, capsys):
     """The same as ``--from``; its folder can be run and continued when the other run is gone, and when it is gone itself."""
     file = later(logged, tmp_path, PLASTIC)
@@ -179,6 +180,7 @@ def test_a_simulator_begins_where_the_scenario_does(logged, tmp_path):
 FROM = "{from: tap, at_s: 0.1}"
 
 
+@pytest.mark.long(one_of=3)
 @pytest.mark.parametrize(
     ("begin", "text", "message"),
     [

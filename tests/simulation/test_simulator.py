@@ -48,6 +48,7 @@ def tap():
     return ffsm_mj.run("tap", TAP)
 
 
+@pytest.mark.long(one_of=3)
 @pytest.mark.parametrize("until", ["tick", "event", 0.2])
 def test_steps_are_the_run(tap, until):
     """Rows bit for bit, records and their order, whether steps end at ticks, at events or at a time."""
@@ -146,6 +147,7 @@ def test_misuse_is_named():
     assert simulator.close() is None
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("time_s", [0.1, 0.25])
 def test_a_restored_state_goes_on_bit_for_bit(tap, time_s):
     """Between two impacts, and within contact that lasts; also after the simulator has gone on, and from a pickle."""

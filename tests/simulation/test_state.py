@@ -55,8 +55,8 @@ def check_in_another_process(folder, scenario, given, wanted):
         assert is_rest_of(whole, part), from_bytes(file.read_bytes())["time_s"]
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("scenario", SCENARIOS)
+@pytest.mark.long(one_of=25)
+@pytest.mark.parametrize("scenario", sorted(SCENARIOS, key=lambda name: name != "berth"))
 def test_in_another_process(scenario, tmp_path):
     """Two points of each scenario: its second event, and a random tick."""
     given = overrides(scenario)
@@ -97,6 +97,7 @@ def sealed(text):
 SHORT = {"$array": ["<f8", [1], "AAAAAAAAAAA="]}
 
 
+@pytest.mark.long(one_of=3)
 @pytest.mark.parametrize(
     ("path", "change"),
     [

@@ -52,6 +52,7 @@ def followed(folder, rng, bodies, wanted):
             yield feature, model, data, start, velocity
 
 
+@pytest.mark.long(one_of=3)
 @pytest.mark.parametrize(("kind", "field"), CASES, ids=[f"{kind.__name__}.{field}" for kind, field in CASES])
 def test_made_again_and_forgetful(tmp_path, rng, kind, field):
     differ, number = 0, count()

@@ -63,6 +63,7 @@ def test_the_satellite_is_caught_brought_to_rest_and_let_go():
     np.testing.assert_allclose(spins, spins[[0, 0, 0, 0]], rtol=0, atol=1e-9)  # nobody outside takes any
 
 
+@pytest.mark.long
 def test_a_scene_that_is_turned_and_moves_on_is_the_same():
     """Law and latch know no world axes: the capture is at the same instant."""
     initial = prepare("capture").scenario.initial

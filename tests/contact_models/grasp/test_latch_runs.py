@@ -162,6 +162,7 @@ def test_a_saved_state_goes_on_bit_by_bit(tmp_path, at_s):
     np.testing.assert_array_equal(*ends)
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("kind", ["rigid", "ball"])
 def test_a_stone_hits_what_is_latched(tmp_path, kind):
     """The impact acts on both bodies through the joint: checks of energy, friction and momenta, in the run and replayed.

@@ -57,6 +57,7 @@ def reversed_end(run):
     }
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("kind", ["rigid", "hinge"])
 def test_it_opens_at_the_root_of_the_load(tmp_path, kind):
     """The object swings inwards: its load grows, and reaches the limit between two samples of the run without one.

@@ -57,6 +57,7 @@ def test_of_equal_distances_the_first_counts_in_every_inertial_frame(tmp_path, f
     assert miss.position_m == pytest.approx(math.hypot(0.3 + ARM, 0.03), abs=1e-14)
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("frame", FRAMES)
 @pytest.mark.parametrize("step_s", [1e-3, 2e-2])
 def test_all_fields_of_a_minimum_are_known_to_rounding(tmp_path, step_s, frame):

@@ -129,6 +129,7 @@ def test_what_is_let_go_in_touch_stays_closed(tmp_path):
     np.testing.assert_allclose(run["contact.late_force_N"][after], motor, atol=1e-13)
 
 
+@pytest.mark.long
 def test_a_log_with_a_hole_is_taken_up_again(tmp_path):
     """Rows are lost while it presses: behind them hand and target, at gap 0 on one rigid body, are no contact."""
     run = ffsm_mj.run(on_a_wall(tmp_path / "scene"))

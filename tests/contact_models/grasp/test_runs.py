@@ -76,6 +76,7 @@ def test_the_load_gives_the_object_its_momentum(tmp_path):
     assert at_stake.max() < 0.02 * np.abs(gained[-1] - gained[0]).max()
 
 
+@pytest.mark.long(one_of=3)
 @pytest.mark.parametrize("step_s", [1e-3, 2e-3, 4e-3])
 def test_bounds_are_met_at_a_root_not_at_a_tick(tmp_path, step_s):
     """The instant does not depend on the step, and the largest value is its bound there."""

@@ -247,6 +247,7 @@ def two_robots():
     return changes | {"grasps": grasps}, [(6, 22), (6, 16), (6, 16)]
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("scenario", [soft_and_hard, three, two_objects, two_robots])
 def test_chains(tmp_path, scenario):
     """Rank and mobility by counting, and every check through the whole of it."""

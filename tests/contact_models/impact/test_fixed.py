@@ -179,6 +179,7 @@ def test_the_robot_between_an_object_and_a_wall_in_one_instant(tmp_path):
     assert by_party == pytest.approx([-2.5, -1.0, -1.5], abs=1e-12)
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("restitution", [0.4, 1.0])
 def test_the_same_with_a_bounce(tmp_path, restitution):
     """Whatever the outcome, the wall takes what the whole system loses, and no residual remains."""

@@ -256,6 +256,7 @@ def test_a_box_lands_flat_on_a_face(tmp_path):
     assert after["wall/free"][0] > 0.0
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize(("right_mass", "expected"), [(1.0, (0, 0, 1)), (1e9, (-1, 0, 0))])
 def test_three_balls_and_ball_ball_wall_in_a_run(tmp_path, right_mass, expected):
     """A ball hits the robot's, which touches a third: (0, 0, 1); with a third as heavy as a wall: (-1, 0, 0)."""

@@ -14,6 +14,7 @@ from tests.servos.test_servos import HOLD
 pytestmark = pytest.mark.usefixtures("example_contact_models")
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("step_s", [1e-2, 2e-3])
 def test_coupled_joints_stop_together(tmp_path, step_s):
     """In all 0.08 N m at B against a reduced inertia of 0.0685 kg m^2."""

@@ -94,6 +94,7 @@ def test_momentum_is_kept_to_order_four(tmp_path):
     assert lost[0] / lost[1] > 12.0
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("until_s", [0.9, 1.6])
 def test_a_logged_run_goes_on_in_the_middle(tmp_path, until_s):
     """From its log alone, where a joint sticks and where both slide; bit for bit."""
@@ -102,6 +103,7 @@ def test_a_logged_run_goes_on_in_the_middle(tmp_path, until_s):
     assert np.array_equal(whole.log.rows[-len(again.log.rows) :], again.log.rows, equal_nan=True)
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("step_s", [4e-2, 2e-3])
 def test_events_with_ten_times_and_half_the_step(tmp_path, step_s):
     """The same ones, at their times to order 4: 3e-10 s in steps of 4 ms."""
@@ -110,6 +112,7 @@ def test_events_with_ten_times_and_half_the_step(tmp_path, step_s):
     assert [each[1] for each in found] == pytest.approx([each[1] for each in EVENTS[:-1]], abs=3e-10 * (step_s / 4e-3) ** 4)
 
 
+@pytest.mark.long
 def test_a_run_goes_on_from_each_event(tmp_path):
     """At a breakaway rate and acceleration are zero: only the state says in which sense the joint begins to slide."""
     path = rubbing(tmp_path, arm(), 4e-3, duration_s=3.0, **SWUNG)
@@ -124,6 +127,7 @@ def test_a_run_goes_on_from_each_event(tmp_path):
     assert all(is_rest_of(expected, rest(path, {}, state)) for state in states)
 
 
+@pytest.mark.long
 def test_steps_of_a_chosen_accuracy(tmp_path):
     made = run(tmp_path, arm(), 0.05, duration_s=3.0, accuracy=1e-9, **SWUNG)
     assert [(joint, *senses) for joint, _, *senses in changes(made)] == [(j, *senses) for j, _, *senses in EVENTS]

@@ -26,6 +26,7 @@ def state(made):
     return np.array([made[key] for key in keys])
 
 
+@pytest.mark.long
 def test_a_scenario_gives_the_friction(tmp_path):
     """As the file would."""
     keys = {

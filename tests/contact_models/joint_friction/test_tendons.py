@@ -33,6 +33,7 @@ def sliders(friction, joint=""):
       </tendon></mujoco>"""
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("step_s", [0.02, 1e-3])
 def test_a_fixed_tendon_stops_two_sliders(tmp_path, step_s):
     """0.6 N on 2/3 kg: 1 m/s end after 10/9 s, and both go on together with 1/3 m/s; the base never moves."""

@@ -48,6 +48,7 @@ def test_heat_of_impacts_and_of_sliding_add_up(tmp_path):
     np.testing.assert_allclose(run[TOTAL], run[HEAT] - hit.friction_work_J * (run.time > 0.0), atol=1e-14)
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("factor", [1.0 + 1e-5, -1.0])
 def test_heat_that_is_not_the_energy_lost_fails_the_check(rolled, factor):
     log = rolled.log

@@ -311,6 +311,7 @@ CRANK = """<mujoco>{head}<worldbody><body name="base"><freejoint name="free"/>
 """A crank that pushes a box along x, and a jaw that is pressed on its stop meanwhile."""
 
 
+@pytest.mark.long
 def test_a_contact_that_opens_within_a_step_is_no_redistribution_of_its_load(tmp_path):
     """The crank swings back from the box: a smooth root of the force, while the jaw stays pressed.
 

@@ -37,6 +37,7 @@ def judged(run):
     return {check.name for check in again.checks() if not check.passes} | ({"motion"} if not again.agrees else set())
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("scene", [pushed, slid])
 def test_right_code_is_good(tmp_path, scene):
     run = ffsm_mj.run(scene(tmp_path))

@@ -55,6 +55,7 @@ def test_a_run_has_at_its_end_the_checks_of_its_log(runs):
         assert ffsm_mj.summary(run)["checks"]["passed"]
 
 
+@pytest.mark.long(one_of=3)
 @pytest.mark.parametrize("joint", LATCHES)
 def test_the_load_of_every_latch(tmp_path, joint):
     """Closed off its axis, it turns and slides while the arm moves it: axes in a turning link."""
@@ -111,6 +112,7 @@ def test_a_changed_capture_fails_its_check(runs, field, change, name):
 HELD = [{"name": "hold", "until": "end", "controller": {"kind": "hold", "joints": ["j1", "j2"], "bandwidth_rad_s": 3.0}}]
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize(
     ("make", "changes", "at_s", "names"),
     [

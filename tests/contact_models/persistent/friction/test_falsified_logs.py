@@ -76,6 +76,7 @@ def test_records_that_do_not_follow_from_the_states(rolled, change):
     assert not replay_log(replace(rolled, records=records)).agrees
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("kind", ["contact_beginnings", "contact_sticks"])
 def test_records_that_are_missing(rolled, kind):
     """The pair begins at the state of a row, and stops within a step."""
@@ -91,6 +92,7 @@ def test_a_force_before_a_stop_is_compared_to_what_its_state_determines(rolled):
         assert replay_log(replace(rolled, records={**rolled.records, "contact_sticks": (changed,)})).agrees == agrees
 
 
+@pytest.mark.long(one_of=2)
 @pytest.mark.parametrize(("more_m_s", "agrees"), [(3e-13, True), (3e-12, False)])
 def test_a_logged_stop_is_one_to_the_rounding_of_its_slip(rolled, more_m_s, agrees):
     """The run locates it where the slip is the rounding of the speeds, 1e-12 (1 m/s + their terms, which are below 1 m/s).

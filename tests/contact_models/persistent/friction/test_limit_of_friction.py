@@ -58,6 +58,7 @@ def test_a_pull_just_beyond_the_limit_slips_along_itself(tmp_path, scene, step, 
     assert [u @ along, u @ across] == pytest.approx([excess * DURATION_S, 0.0], abs=1e-15)
 
 
+@pytest.mark.long(one_of=3)
 @pytest.mark.parametrize("scene", [pulled_foot, pulled_block])
 @pytest.mark.parametrize(("excess", "sticks"), [(3e-12, True), (3e-10, True), (3e-9, False)])
 def test_an_excess_within_rounding_of_the_accelerations_sticks(tmp_path, scene, excess, sticks):
