@@ -105,7 +105,7 @@ class LogReplay:
             self._pass_lost(float(times[first]))
             again = self._take(block[first:end], ticks[first:end])
             parts.append(again if self.whole is None else block[first:end])
-            apart.append(self._rows.forces_apart[: end - first] if self.whole is None else np.zeros(end - first))
+            apart.append(self._rows.forces_apart[: end - first].copy() if self.whole is None else np.zeros(end - first))
             self._last_s = float(times[end - 1])
         self.forces_apart = np.concatenate(apart) if apart else np.zeros(0)
         return np.concatenate(parts) if parts else block.copy()
