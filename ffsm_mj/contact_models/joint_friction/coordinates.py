@@ -10,8 +10,12 @@ import numpy as np
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.dynamics.loops.couplings import RestingCombination, RestingJoint, TendonRow
 from ffsm_mj.dynamics.motion import Motion
+from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.dynamics.springs import tendon_rows
 from ffsm_mj.model.system import System, is_fixed_tendon, tendon_bodies, tendon_unit
+
+_SHORTEST_M = 1e-6
+"""Length below which a path counts as this long: its row turns at once where its ends pass each other."""
 
 
 class FrictionCoordinates(NamedTuple):
@@ -23,6 +27,7 @@ class FrictionCoordinates(NamedTuple):
         dofs: Degrees of freedom of the joints in the logged system, (n,).
         limits: Greatest friction f: static as kinetic, N m or N, (k,); MuJoCo's ``frictionloss``, URDF's ``friction``.
         of_trees: Whether each is of a tree, the robot first, (number of trees, k).
+        of_bases: Degrees of freedom of the bases of all trees in the logged system.
     """
 
     names: tuple[str, ...]
@@ -30,6 +35,7 @@ class FrictionCoordinates(NamedTuple):
     dofs: IntArray
     limits: FloatArray
     of_trees: BoolArray
+    of_bases: tuple[int, ...]
 
     @property
     def tendons(self) -> tuple[str, ...]:
@@ -72,6 +78,7 @@ def friction_coordinates(system: System) -> FrictionCoordinates | None:
         dofs,
         np.concatenate((loss[dofs], model.tendon_frictionloss[tendons])),
         np.array([[tree.dofs.start <= dof < tree.dofs.stop for dof in (*dofs, *roots)] for tree in system.trees]),
+        tuple(dof for tree in system.trees for dof in range(tree.base_dofs.start, tree.base_dofs.stop)),
     )
 
 
@@ -95,7 +102,8 @@ class CoordinatesOfMotion:
         self.moving[[*self._paths]] = True
         self._mobilities = np.concatenate((model.dof_invweight0[self._dofs], model.tendon_invweight0[self._tendons]))
         self._stages: list[FloatArray] = []
-        self._motion = motion
+        self._motion, self._internal = motion, np.ones(model.nv, dtype=np.bool_)
+        self._internal[[motion.dofs[dof] for dof in on.of_bases if motion.dofs[dof] >= 0]] = False
 
     def values(self) -> FloatArray:
         """Coordinates and lengths, (k,)."""
@@ -121,6 +129,21 @@ class CoordinatesOfMotion:
             mujoco.mj_solveM(self._model, self._data, response, rows)
             self._mobilities[self.moving] = np.einsum("ij,ij->i", response, rows)
         return self._mobilities
+
+    def turning_rate(self, forces: FloatArray) -> float:
+        """Rate at which given forces along the coordinates, (k,), change as their rows turn with the motion, rad/s.
+
+        A row R with R' = H v makes of a force f the stiffness f H. Along the motion v of the joints it is f v^T H v over
+        v^T M v, the square of this rate; and a path that these forces make shorter or longer by a share of its length within
+        a time turns its row by as much.
+        """
+        fastest, v = 0.0, np.where(self._internal, self._data.qvel, 0.0)
+        twice = float(v @ mass_matrix(self._model, self._data) @ v)
+        mobilities, lengths = self.mobilities(), self.values()
+        for i, path in self._paths.items():
+            bend = abs(path.row()[1]) / twice if twice > 0.0 else 0.0
+            fastest = max(fastest, abs(forces[i]) * max(bend, float(mobilities[i] / max(lengths[i], _SHORTEST_M))))
+        return float(np.sqrt(fastest))
 
     def second_rates(self) -> FloatArray:
         """Second rates at zero generalised acceleration, (k,)."""

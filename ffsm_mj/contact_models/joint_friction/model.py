@@ -50,7 +50,7 @@ from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.state import entries, fitting
-from ffsm_mj.tolerances import CLOSED_RATE, EVENT_TIME, EVENT_TIME_S, INSTANT_S, RATE
+from ffsm_mj.tolerances import CLOSED_RATE, EVENT_TIME, EVENT_TIME_S, INSTANT_S, MODE_STEP, RATE
 
 _ROUNDING = 1e-15
 """Rates within this share of (1 + the largest rate) are zero to rounding: where a joint sticks, or has just stopped."""
@@ -198,6 +198,13 @@ class JointFriction(EventSource, ForceSource, Replayable):
         if rates.any() and np.abs(rates).max() > _ROUNDING * (1.0 + np.abs(self.motion.data.qvel).max()):
             self._at_start = self._stop(self.senses == 0.0)
         self._moved.begin_step()
+
+    def step_limit(self, left_s: float) -> float:
+        """Longest step in which forces of tendons that slide turn little: a huge friction makes a whole one wild."""
+        if not (self._slides and self._moved.moving.any()):
+            return left_s
+        rate = self._moved.turning_rate(self._on.limits * self.senses)
+        return min(left_s, MODE_STEP / rate) if rate > 0.0 else left_s
 
     def continue_step(self) -> None:
         """Go on with the joints that slide and stick."""

@@ -230,3 +230,24 @@ def test_a_length_passes_its_extreme(tmp_path, other):
         ends.append(np.array([made[f"state.q_robot_{joint}_rad"][-1] for joint in ("turn", "a")]))
     coarse, fine = (np.abs(one - other).max() for one, other in pairwise(ends))
     assert coarse / fine == pytest.approx(16.0, rel=0.1)
+
+
+@pytest.mark.parametrize("angle", [0.2, 2.5])
+def test_an_absurd_friction_stops_the_cord_at_once(tmp_path, angle):
+    """1e9 N: the rate of its length is taken as by a plastic impulse, and the length stays; RK4 alone would leave the world.
+
+    It takes (R v)^2 / 2 R M^-1 R^T. The way in which 1e9 N stop it is some 1e-9 m.
+    """
+    robot = swing().replace('frictionloss="0.5"', 'frictionloss="1e9"')
+    initial = {"rates": {"a": -3.0, "turn": 0.4}, "joints": {"a": angle}}
+    made = run(tmp_path, robot, 2e-3, duration_s=0.1, initial=initial)
+    assert set(made["contact.robot_cord_sliding"][1:]) == {0.0}
+    model = mujoco.MjModel.from_xml_string(robot)
+    data = mujoco.MjData(model)
+    data.qpos[3], data.qvel[2:] = angle, (0.4, -3.0)
+    mujoco.mj_forward(model, data)
+    M, R = mass_matrix(model, data), tendon_rows(model, data)[0]
+    loss = 0.5 * (R @ data.qvel) ** 2 / (R @ np.linalg.solve(M, R))
+    energy = made["energy.total_J"]
+    assert energy[0] - energy[-1] == pytest.approx(loss, abs=1e-7)
+    assert heat(made)[-1] == pytest.approx(loss, abs=1e-7)
