@@ -25,7 +25,7 @@ import numpy as np
 from ffsm_mj.assembly.prepare import PreparedRun, prepare
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.contact_models.interface import EventEffect, EventSource
-from ffsm_mj.log.recorder import BLOCK_ROWS, Recorder
+from ffsm_mj.log.recorder import RECORDED_ROWS, Recorder
 from ffsm_mj.simulation.loop import Simulation
 from ffsm_mj.simulation.progress import EventDue
 from ffsm_mj.simulation.steps import GridStep
@@ -84,7 +84,7 @@ def measured(prepared: PreparedRun) -> Cost:
         pass_on(self)
         spent = time.perf_counter() - start
         in_blocks += spent
-        if rows == BLOCK_ROWS:
+        if rows == RECORDED_ROWS:
             blocks.append((spent / rows, ticks[-1][1]))
 
     def applying(self: GridStep, contact_model: EventSource) -> EventEffect | None:

@@ -40,7 +40,7 @@ from ffsm_mj.contact_models.impact.time_of_impact import Detector
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.log.mcap.sink import McapSink
-from ffsm_mj.log.recorder import BLOCK_ROWS
+from ffsm_mj.log.recorder import RECORDED_ROWS
 from ffsm_mj.log.run_folder import PartialFile, RunFolder
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.replay import replay_log
@@ -123,8 +123,8 @@ def writing() -> float:
         sink = McapSink(take, BASELINE.system, BASELINE.scenario.log.view_rate_hz)
         start = time.process_time()
         sink.open(log.header)
-        for first in range(0, len(log.rows), BLOCK_ROWS):
-            sink.rows(log.rows[first : first + BLOCK_ROWS])
+        for first in range(0, len(log.rows), RECORDED_ROWS):
+            sink.rows(log.rows[first : first + RECORDED_ROWS])
         sink.close(log.outcome)
         return time.process_time() - start
 

@@ -33,7 +33,7 @@ from ffsm_mj.dynamics.stiff_actuators import StiffActuators
 from ffsm_mj.errors import Fault, Faults, ScenarioFaults
 from ffsm_mj.fields.interface import Field, field_of
 from ffsm_mj.fields.orbit import Orbit
-from ffsm_mj.log.recorder import BLOCK_ROWS
+from ffsm_mj.log.recorder import RECORDED_ROWS
 from ffsm_mj.model.actuators import has_servos
 from ffsm_mj.model.inputs import controller_of, further_inputs
 from ffsm_mj.model.system import System
@@ -264,7 +264,7 @@ def external_fields(scenario: ScenarioConfig, scene: Scene) -> ExternalFields | 
     orbit = Orbit.of(around.orbit, around.world_axes)
     field = orbit.field()
     fields = ExternalFields(scene, acting, field)
-    fields.columns = (OrbitSamples(orbit, field, fields, BLOCK_ROWS).columns,)
+    fields.columns = (OrbitSamples(orbit, field, fields, RECORDED_ROWS).columns,)
     return fields
 
 
@@ -348,7 +348,7 @@ def build_plant(
         system,
         data,
         motion.momentum,
-        capacity=BLOCK_ROWS,
+        capacity=RECORDED_ROWS,
         actuator_work=work,
         actuator_impulse=impulse,
         field_done=None if fields is None else fields.done,

@@ -25,7 +25,7 @@ from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.errors import LogWriteError
 from ffsm_mj.log.mcap.reader import stored_rows
 from ffsm_mj.log.mcap.sink import file_sinks
-from ffsm_mj.log.recorder import BLOCK_ROWS, MemorySink, Recorder, Sink
+from ffsm_mj.log.recorder import RECORDED_ROWS, MemorySink, Recorder, Sink
 from ffsm_mj.log.rerun.viewer import LiveSink
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.model.mujoco_process import stopped_clock
@@ -99,7 +99,7 @@ class Recording:
             sinks += file_sinks(folder, self._header, system, with_rerun=with_rerun, view_rate_hz=rate_hz)
         if live is not None:
             sinks.append(LiveSink(live, system, config.log.view_rate_hz))
-        block = np.zeros((BLOCK_ROWS, len(layout.signals)))
+        block = np.zeros((RECORDED_ROWS, len(layout.signals)))
         rows = RowWriter(assembly.row, assembly.plant.state.sampler, block)
         self._recorder = Recorder(block, sinks, rows.complete, by_clock=clock is None)
         contacts = assembly.contacts

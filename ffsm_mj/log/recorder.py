@@ -15,7 +15,7 @@ from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.run_log import Rows, RunHeader, RunLog, run_log
 from ffsm_mj.records.signals import TIME, Layout
 
-BLOCK_ROWS = 1000
+RECORDED_ROWS = 1000
 """Number of rows in a full block."""
 _FLUSH_PERIOD_S = 1.0
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 
 import numpy as np
 import numpy.typing as npt
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.records.metadata import logged_start_s
+from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.ties import instant_s
 
 BETWEEN = -2
@@ -26,21 +27,23 @@ class Sampling:
         count: Number of all gaps and repetitions.
     """
 
-    def __init__(self, period_s: float, instants: Iterable[float] = (), start_s: float = 0.0) -> None:
-        """Expect the first sample at the start of the run and one after every control period.
+    def __init__(self, log: RunLog, period_s: float) -> None:
+        """Expect the first sample at the start of a run and one after every control period.
+
+        A run that stops at an event has a sample there, between two ticks. From a state at an event the first sample of a
+        run is at the next tick.
 
         Args:
-            period_s: Control period.
-            instants: Times of events, s: a run that stops at an event has a sample there, between two ticks.
-            start_s: Start of the run, s; from a state at an event the first sample is at the next tick.
+            log: The log of the run.
+            period_s: Its control period.
 
         Raises:
             ValueError: The period is not positive.
         """
         if not period_s > 0.0:
             raise ValueError(f"a control period of {period_s} s")
-        self._period, self._last = period_s, math.ceil(start_s / period_s - 1e-6) - 1
-        self._instants = np.array(sorted(instants))
+        self._period, self._last = period_s, math.ceil(logged_start_s(log.header.metadata) / period_s - 1e-6) - 1
+        self._instants, self._end_s = np.array(sorted(log.instants_s)), log.outcome.end_s if log.outcome else None
         self.breaks: list[str] = []
         self.count = 0
 
@@ -66,10 +69,10 @@ class Sampling:
         self._last = int(marks[-1])
         return np.where(between, BETWEEN, ticks)
 
-    def end(self, end_s: float | None) -> None:
+    def end(self) -> None:
         """Check that the samples reach the end of the run, if it is known."""
-        if end_s is not None and end_s - self._last * self._period > 1.5 * self._period:
-            self._add_sentence(f"samples are missing from {max(self._last, 0) * self._period:.9g} to {end_s:.9g} s")
+        if self._end_s is not None and self._end_s - self._last * self._period > 1.5 * self._period:
+            self._add_sentence(f"samples are missing from {max(self._last, 0) * self._period:.9g} to {self._end_s:.9g} s")
 
     def _add_break(self, before: int, after: int) -> None:
         was, now = max(before, 0) * self._period, max(after, 0) * self._period

@@ -43,8 +43,10 @@ class RunHeader:
         return self.scenario if isinstance(self.scenario, str) else write_yaml(self.scenario)
 
 
-BLOCK_ROWS = 4096
+READ_ROWS = 4096
 """Greatest number of rows in a block."""
+DOUBTFUL = ((-np.inf, -np.inf),)
+"""What is lost of a log of which every message was read, but what it says of itself may be damaged."""
 
 
 class Rows(Protocol):
@@ -80,8 +82,8 @@ class RunLog:
         damage: What of the log could not be read, as text; empty if it is intact up to its end.
         note: What of the log was skipped because its schema is unknown, as text; empty if nothing was.
         lost: Times between which a part of the file is lost, s, in order: of the last message before it and of the first one
-            after it, or infinite. Neither starts nor ends fall. Events at these times may lack records, and are left out.
-            (-inf, -inf): every message was read, but what the log says of itself may be damaged.
+            after it, or infinite; starts and ends are non-decreasing. Events at these times may lack records, and are left
+            out. Or ``DOUBTFUL``.
     """
 
     header: RunHeader
@@ -135,7 +137,7 @@ class RunLog:
         for kind in self.event_kinds if self.lost else ():
             records = whole.get(kind.plural, ())
             times = np.array([kind.time(record) for record in records])
-            # As neither starts nor ends fall, the last part that starts before is the one that ends last.
+            # As starts and ends are non-decreasing, the last part that starts before is the one that ends last.
             last = np.searchsorted(starts, times, side="right") - 1
             lacks = (last >= 0) & (times <= ends[last])
             whole[kind.plural] = tuple(record for record, lack in zip(records, lacks.tolist(), strict=True) if not lack)
@@ -144,7 +146,7 @@ class RunLog:
     @property
     def is_doubtful(self) -> bool:
         """Whether what the log says of itself may be damaged, although every message was read."""
-        return self.lost == ((-np.inf, -np.inf),)
+        return self.lost == DOUBTFUL
 
     def events(self) -> list[Event]:
         """All records in order of time; at one time those that are numbered together by number, the others by kind."""
@@ -181,8 +183,8 @@ class RunLog:
         if isinstance(self.rows, InBlocks):
             yield from self.rows.blocks()
             return
-        for first in range(0, len(self.rows), BLOCK_ROWS):
-            yield np.asarray(self.rows[first : first + BLOCK_ROWS])
+        for first in range(0, len(self.rows), READ_ROWS):
+            yield np.asarray(self.rows[first : first + READ_ROWS])
 
 
 def run_log(

@@ -15,9 +15,7 @@ from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.assembly.process import one_blas_thread
 from ffsm_mj.errors import InputError
-from ffsm_mj.log.sampling import Sampling
 from ffsm_mj.model.mujoco_process import collected_warnings
-from ffsm_mj.records.metadata import logged_start_s
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.replay.log_replay import LogReplay
 from ffsm_mj.replay.scene import log_scene, state_metadata
@@ -49,14 +47,12 @@ def replay_log(
         checks = ModelChecks(log, kept_rows(log))
         return ReplayResult({}, 0, 0, "", error.lines[0], accumulate_checks(log), log, checks)
     seen = CheckAccumulator(log.header.layout, dict(log.header.metadata) | state_metadata(scene))
-    period_s, start_s = scene.scenario.time_step_s * scene.scenario.steps_per_tick, logged_start_s(log.header.metadata)
-    sampling = Sampling(period_s, log.instants_s, start_s)
     kept = KeptRows(log.header.layout, log.header.metadata)
     kept.expect(record.time_s for record in log.impact_records)
     with collected_warnings([]):
         for block in log.blocks():
             kept.rows(before_loss(log, block))
-            again = replay.take(block, sampling.ticks(block[:, log.header.layout.time]))
+            again = replay.take(block)
             seen.rows(again, forces_apart=replay.forces_apart)
             if rows is not None:
                 rows(again)
@@ -64,11 +60,11 @@ def replay_log(
                 report(seen.samples, max(scene.scenario.ticks + 1, seen.samples))
         replay.finish()
         kept.finish()
-    sampling.end(log.outcome.end_s if log.outcome else None)
+    replay.sampling.end()
     by_name, verified_to_s = replay.agreements()
     worst = {name: agreement.worst for name, agreement in by_name.items() if agreement.worst is not None}
     numbers = sum(agreement.numbers for agreement in by_name.values())
-    gaps, checks = sampling.sentence(), ModelChecks(log, kept)
+    gaps, checks = replay.sampling.sentence(), ModelChecks(log, kept)
     return ReplayResult(worst, seen.samples, numbers, gaps, "", seen, log, checks, verified_to_s)
 
 

@@ -15,8 +15,8 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.interface import EventEffect, LoggedEvent
 from ffsm_mj.controller_protocol import Command
 from ffsm_mj.errors import ControllerError
-from ffsm_mj.log.recorder import BLOCK_ROWS
-from ffsm_mj.log.sampling import BETWEEN, NOWHERE
+from ffsm_mj.log.recorder import RECORDED_ROWS
+from ffsm_mj.log.sampling import BETWEEN, NOWHERE, Sampling
 from ffsm_mj.records.events import RunEnded
 from ffsm_mj.records.run_kinds import EffortChange
 from ffsm_mj.records.run_log import RunLog
@@ -53,10 +53,11 @@ class LogReplay:
 
     Attributes:
         current: Agreement so far, since the last part of the log that is lost.
+        sampling: Ticks of the rows so far, and their gaps.
         forces_apart: Differences of the logged contact forces of the last :meth:`take` from independent checks, N, (n,).
-        whole: The time of the first row after the first part of the log that is lost, s, and the agreement before that part,
-            once the replay is past it: an event that is lost may have closed a contact or a grasp, of which later rows do
-            not say enough to recompute them.
+        before_loss: The time of the first row after the first part of the log that is lost, s, and the agreement before
+            that part, once the replay is past it: an event that is lost may have closed a contact or a grasp, of which later
+            rows do not say enough to recompute them.
     """
 
     def __init__(self, scene: LogScene, log: RunLog) -> None:
@@ -68,6 +69,7 @@ class LogReplay:
         scenario, self._plant = scene.scenario, scene.plant
         self._step_s, self._steps, self._last_tick = scenario.time_step_s, scenario.steps_per_tick, scenario.ticks
         self._period_s, self._feedback_impulse_N_s = self._step_s * self._steps, scenario.feedback_impulse_N_s
+        self.sampling = Sampling(log, self._period_s)
         self._system_motion = self._plant.integrator.motion
         self._command = Command.off(int(self._plant.system.mj.nu))
         self.current, self.forces_apart = Agreements(), np.zeros(0)
@@ -77,7 +79,7 @@ class LogReplay:
         self._logged: LoggedRows
         self._logged_motion = LoggedMotion.of(self._plant, self._rows, self._command, self._step_s, self._steps)
         self._lost_from, self._time = np.array([start for start, _ in log.lost]), log.header.layout.time
-        self.whole: tuple[float, Agreements] | None = None
+        self.before_loss: tuple[float, Agreements] | None = None
         self._last_s = -math.inf
         self._tick: int | None = None
         self._left = 0.0
@@ -87,25 +89,26 @@ class LogReplay:
         # holds from the last event on.
         self._next_step, self._stepped, self._bounded = 0, False, False
 
-    def take(self, block: FloatArray, ticks: npt.NDArray[np.int64]) -> FloatArray:
+    def take(self, block: FloatArray) -> FloatArray:
         """Recompute the next samples and compare them with the logged ones.
 
         Args:
             block: Rows of the log, (n, columns).
-            ticks: Control tick of each row, from :class:`ffsm_mj.log.sampling.Sampling`.
 
         Returns:
             Recomputed rows, (n, columns); controller columns are copied, a row without a valid state is NaN. Rows after a
             lost part of the log are those of the log, as contacts and grasps there may not be known.
         """
-        times, edges = block[:, self._time], {*range(0, len(block), BLOCK_ROWS), len(block)}
+        times, edges = block[:, self._time], {*range(0, len(block), RECORDED_ROWS), len(block)}
+        ticks = self.sampling.ticks(times)
         edges |= {*np.searchsorted(times, self._lost_from, side="right").tolist()}
         parts, apart = [], []
         for first, end in pairwise(sorted(edges)):
             self._pass_lost(float(times[first]))
             again = self._take(block[first:end], ticks[first:end])
-            parts.append(again if self.whole is None else block[first:end])
-            apart.append(self._rows.forces_apart[: end - first].copy() if self.whole is None else np.zeros(end - first))
+            known = self.before_loss is None
+            parts.append(again if known else block[first:end])
+            apart.append(self._rows.forces_apart[: end - first].copy() if known else np.zeros(end - first))
             self._last_s = float(times[end - 1])
         self.forces_apart = np.concatenate(apart) if apart else np.zeros(0)
         return np.concatenate(parts) if parts else block.copy()
@@ -114,8 +117,8 @@ class LogReplay:
         """Start anew at a row after a part of the log that is lost."""
         if np.any((self._last_s <= self._lost_from) & (self._lost_from < time_s)):
             self._tick = None
-            if self.whole is None:
-                self.whole, self.current = (time_s, self.current), Agreements()
+            if self.before_loss is None:
+                self.before_loss, self.current = (time_s, self.current), Agreements()
                 self._check.agreement = self._events.agreement = self.current.impacts
 
     def finish(self) -> None:
@@ -135,9 +138,9 @@ class LogReplay:
         What follows a lost part counts if it agrees, and else says nothing.
         """
         last: dict[str, Agreement] = vars(self.current)
-        if self.whole is None:
+        if self.before_loss is None:
             return last, math.inf
-        until_s, first = self.whole[0], vars(self.whole[1])
+        until_s, first = self.before_loss[0], vars(self.before_loss[1])
         if not all(item.worst is None or item.worst.passes for item in last.values()):
             return first, until_s
         for name, item in last.items():

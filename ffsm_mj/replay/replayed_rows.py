@@ -11,7 +11,7 @@ from ffsm_mj.actuation.actuation import Actuation
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.dynamics.rigid_body import with_signs_of
 from ffsm_mj.errors import InputError
-from ffsm_mj.log.recorder import BLOCK_ROWS
+from ffsm_mj.log.recorder import RECORDED_ROWS
 from ffsm_mj.records.columns import Columns, Row, same_names
 from ffsm_mj.records.signals import Layout, coordinate_keys, rate_keys
 from ffsm_mj.simulation.plant import Plant
@@ -67,8 +67,8 @@ class ReplayedRows:
         """
         self._plant, self._layout = plant, layout
         model = plant.system.mj
-        self.again = np.zeros((BLOCK_ROWS, len(layout.keys)))
-        self.predicted, self.forces_apart = np.zeros((BLOCK_ROWS, model.nq + model.nv)), np.zeros(BLOCK_ROWS)
+        self.again = np.zeros((RECORDED_ROWS, len(layout.keys)))
+        self.predicted, self.forces_apart = np.zeros((RECORDED_ROWS, model.nq + model.nv)), np.zeros(RECORDED_ROWS)
         self.accuracy = np.zeros_like(self.again)
         known = plant.columns
         # Columns of the controller cannot be recomputed: they are copied from the log.

@@ -22,17 +22,14 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.assembly.process import one_blas_thread
 from ffsm_mj.balance.step_error import StepError
 from ffsm_mj.errors import InputError
-from ffsm_mj.log.sampling import Sampling
 from ffsm_mj.model.mujoco_process import collected_warnings
 from ffsm_mj.records.events import RunEnded
-from ffsm_mj.records.metadata import logged_start_s
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.records.signals import SUBSYSTEMS
 from ffsm_mj.replay.log_replay import LogReplay
 from ffsm_mj.replay.scene import LogScene, log_scene, state_metadata
 from ffsm_mj.simulation.step_control import StepLimitError
 from ffsm_mj.verification.check_result import Check
-from ffsm_mj.verification.checks import CheckAccumulator
+from ffsm_mj.verification.checks import RESIDUALS, CheckAccumulator
 from ffsm_mj.verification.residuals import STRETCH_STEPS, ResidualDrift, stretch_s
 from ffsm_mj.verification.truncation import ENTRIES, Refined, TruncationAnalysis
 
@@ -45,20 +42,23 @@ _OF_ORDER_FOUR = 16.0
 """What a halving takes off a truncation error of order four, over what the next one takes off."""
 _ROUNDING = 1e-15
 """Rounding of the residual of one step over (1 + scale): some units in the last place of each of the terms that cancel."""
-_RESIDUALS = 7 * len(SUBSYSTEMS) + 1
-_ENTRY_OF = np.append(np.add.outer(3 * np.arange(len(SUBSYSTEMS)), np.repeat((0, 1, 2), (1, 3, 3))).ravel(), 9)
-"""Entry of each residual: energy, P and L of each subsystem, then the heat of sliding."""
-_CLEARLY, _STEPS_OF_AN_ORDER = 100.0, 8
-"""Changes that exceed their rounding by this factor show the order of a step; so many steps show that of the method."""
-_LEAST_S, _STEPS_OF_A_STEP = 20.0, 8.0
+_ENTRY_OF = np.array([ENTRIES.index((check, subsystem)) for check, subsystem, _ in RESIDUALS])
+"""Entry of each residual."""
+_CLEARLY = 100.0
+"""Changes that exceed their rounding by this factor show the order of a step."""
+_STEPS_OF_AN_ORDER = 8
+"""So many steps that show an order show that of the method."""
+_LEAST_S = 20.0
+"""Least wall time of an analysis unless the caller gives one."""
+_STEPS_OF_A_STEP = 8.0
 """Most steps of fast motion are known from themselves, two halves and four quarters: 7 steps."""
-_NOT_TRIED, _NOT_KNOWN = 0.05, (0.75, 0.45)
-"""Of what a check allows: for the residuals of all steps that are not made again, and for the errors of the others' limits.
-
-The latter stay in the residual without truncation, whose bound counts them again. Errors of many steps mostly cancel, so
-the first of the second is enough; where it leaves open whether a check fails by truncation alone, the analysis is made
-again: the sum of the first number and twice the last one is below 1.
-"""
+_NOT_TRIED = 0.05
+"""Share of what a check allows for the residuals of all steps that are not made again."""
+_NOT_KNOWN = 0.75
+"""Share of it for the errors of the limits of the other steps; errors of many steps mostly cancel."""
+_NOT_KNOWN_AGAIN = 0.45
+"""The same where the first analysis leaves open whether a check fails by truncation alone: the errors stay in the residual
+without truncation, and its bound counts them again, so that _NOT_TRIED + 2 _NOT_KNOWN_AGAIN < 1 for a verdict."""
 
 
 @dataclass
@@ -127,7 +127,7 @@ def analyze_truncation(log: RunLog, checks: Iterable[Check], limits: AnalysisLim
     limits.begin()
     analysis, checks = TruncationAnalysis(None), tuple(checks)
     try:
-        for share in _NOT_KNOWN:
+        for share in (_NOT_KNOWN, _NOT_KNOWN_AGAIN):
             analysis = TruncationAnalysis(_refined(log, checks, limits, share))
             if not analysis.leaves_open(checks):
                 break
@@ -147,12 +147,10 @@ def _refined(log: RunLog, checks: Iterable[Check], limits: AnalysisLimits, not_k
     layout, metadata = log.header.layout, dict(log.header.metadata) | state_metadata(scene)
     states, half, without = (CheckAccumulator(layout, metadata) for _ in range(3))
     bounds = [ResidualDrift(stretch_s(metadata)) for _ in ENTRIES]
-    period_s, start_s = scene.scenario.time_step_s * scene.scenario.steps_per_tick, logged_start_s(log.header.metadata)
-    sampling = Sampling(period_s, log.instants_s, start_s)
     with collected_warnings([]):
         for block in log.blocks():
             again.corrections, again.bounds = [], []
-            rows = again.take(block, sampling.ticks(block[:, layout.time]))
+            rows = again.take(block)
             added, unknown, nothing = np.array(again.corrections), np.array(again.bounds), np.zeros(len(block))
             states.rows(rows)
             half.rows(rows, added[:, 0])
@@ -168,7 +166,7 @@ class _Refining(LogReplay):
 
     Attributes:
         corrections: By row, what the residuals since the start would have more at half the step, and without truncation:
-            those of energy, P and L of each subsystem, then that of the heat of sliding, (2, 22).
+            (2, number of :data:`~ffsm_mj.verification.checks.RESIDUALS`).
         bounds: By row, bound on the error of the latter, by entry: see :data:`~ffsm_mj.verification.truncation.ENTRIES`.
     """
 
@@ -186,7 +184,7 @@ class _Refining(LogReplay):
         self._logged_motion = None  # every step is made in parts
         self._error = StepError(scene.plant.system, scene.plant.data, scene.plant.balance)
         self._limits, self._samples, self._expected = limits, 0, scene.scenario.ticks + 1
-        self._so_far, self._bound = np.zeros((2, _RESIDUALS)), np.zeros(len(ENTRIES))
+        self._so_far, self._bound = np.zeros((2, len(RESIDUALS))), np.zeros(len(ENTRIES))
         self._powers: list[list[float]] = [[] for _ in ENTRIES]
         self.corrections: list[FloatArray] = []
         self.bounds: list[FloatArray] = []
@@ -324,7 +322,7 @@ class _Refining(LogReplay):
 
         With others chosen in between, the parts would solve another problem, to which nothing converges.
         """
-        total, part_s = np.zeros(_RESIDUALS), duration_s / parts
+        total, part_s = np.zeros(len(RESIDUALS)), duration_s / parts
         for part in range(parts):
             self._limits.step()
             self._error.begin(measured=True)
@@ -355,5 +353,5 @@ def _converges(divisions: Sequence[FloatArray]) -> npt.NDArray[np.bool_]:
 
 
 def _by_entry(residuals: FloatArray) -> FloatArray:
-    """Norm of each entry of residuals, (22,): see :data:`~ffsm_mj.verification.truncation.ENTRIES`."""
+    """Norm of each entry of residuals, (number of residuals,): see :data:`~ffsm_mj.verification.truncation.ENTRIES`."""
     return np.sqrt(np.bincount(_ENTRY_OF, residuals * residuals))

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.records.signals import Layout, unit_of
+from ffsm_mj.verification.check_result import share_of
 
 AGREES = 1e-10
 """Numbers agree if they differ by at most this times (1 + scale), in SI units.
@@ -53,7 +54,7 @@ class Discrepancy:
     @property
     def excess(self) -> float:
         """Magnitude over tolerance."""
-        return self.size / self.allowed
+        return share_of(self.size, self.allowed)
 
 
 def impossible(what: str, time_s: float) -> Discrepancy:

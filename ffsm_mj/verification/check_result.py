@@ -104,7 +104,8 @@ def worst_check(checks: Sequence[Check]) -> str:
     """How many checks pass, and the one that is closest to its tolerance or exceeds it most; empty without checks."""
     if not checks:
         return ""
-    worst, broken = max(checks, key=_used), [check for check in checks if not check.passes]
+    worst = max(checks, key=lambda check: share_of(check.residual, check.tolerance))
+    broken = [check for check in checks if not check.passes]
     alone = all_by_truncation(checks)
     fate = "fail by the truncation of the step alone" if alone else "FAILED"
     fate += " (truncation: not analysed)" if alone is None else ""
@@ -113,7 +114,9 @@ def worst_check(checks: Sequence[Check]) -> str:
     return f"{result}; worst: {worst.name} of {worst.subsystem}, {near}"
 
 
-def _used(check: Check) -> float:
-    """Residual over tolerance; infinite if it is not a number."""
-    share = check.residual / check.tolerance
+def share_of(size: float, allowed: float) -> float:
+    """Size over what is allowed; infinite if it is not a number, and if anything is there where nothing is allowed."""
+    if allowed <= 0.0:
+        return math.inf if size else 0.0
+    share = size / allowed
     return math.inf if math.isnan(share) else share

@@ -104,6 +104,17 @@ _MEASURES = {
     "Jacobi integral": ("J", ("J",)),
 }
 
+RESIDUALS = (
+    *(
+        (name, subsystem, component)
+        for subsystem in SUBSYSTEMS
+        for name in CHECK_NAMES[:3]
+        for component in _MEASURES[name][1]
+    ),
+    ("heat of sliding", "total", "work"),
+)
+"""Check, subsystem and component of each residual that truncation changes: energy, P and L of each subsystem, and heat."""
+
 
 class CheckAccumulator:
     """Evaluates the checks of a run from blocks of rows, without storing them.
@@ -139,13 +150,12 @@ class CheckAccumulator:
 
         Args:
             block: Rows, (n, columns).
-            added: To the residuals of energy, P and L of each subsystem in these rows, then to that of the heat of
-                sliding, (n, 22).
+            added: What these rows have more of each of ``RESIDUALS``, (n, number of residuals).
             forces_apart: Differences of the logged contact forces from those that a replay finds, N, (n,); None: they are
                 not known, and ``contact complementarity`` is not checked.
         """
-        increments = np.zeros((len(block), 7 * len(SUBSYSTEMS) + 1)) if added is None else added
-        more = increments[:, :-1].reshape(len(block), len(SUBSYSTEMS), 7)
+        increments = np.zeros((len(block), len(RESIDUALS))) if added is None else added
+        more = increments[:, :-1].reshape(len(block), len(SUBSYSTEMS), -1)
         self.samples += len(block)
         times = block[:, self._time]
         scales = {subsystem: accounts.scales(block) for subsystem, accounts in self._accounts.items()}

@@ -28,7 +28,7 @@ from ffsm_mj.model.system import System
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.run_log import RunLog, merged
 from ffsm_mj.tolerances import MECHANISM_RANK, RANK
-from ffsm_mj.verification.check_result import Check
+from ffsm_mj.verification.check_result import Check, share_of
 from ffsm_mj.verification.independent.scene import LoggedScene
 
 Models = Callable[[], tuple[System, Mapping[str, Any]]]
@@ -54,7 +54,7 @@ def impact_checks(
     if not any(rough):
         return checks
     judged = [_check_with_friction(event, friction, allowed) for event, rubs in zip(events, rough, strict=True) if rubs]
-    energy = max((*checks[:1], *judged), key=lambda check: EnergyDeviation(check.residual, check.tolerance).excess)
+    energy = max((*checks[:1], *judged), key=lambda check: share_of(check.residual, check.tolerance))
     return [energy, *checks[1:]]
 
 
@@ -119,9 +119,7 @@ class EnergyDeviation:
     @property
     def excess(self) -> float:
         """Size over tolerance; infinite if it is not a number."""
-        if math.isnan(self.size) or not self.allowed > 0.0:
-            return math.inf if self.size != 0.0 else 0.0
-        return self.size / self.allowed
+        return share_of(self.size, self.allowed)
 
 
 @dataclass(frozen=True)

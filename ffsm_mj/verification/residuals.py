@@ -27,6 +27,7 @@ from ffsm_mj.records.signals import (
     Layout,
     momentum_keys,
 )
+from ffsm_mj.verification.check_result import share_of
 
 STRETCH_STEPS = 100_000
 """Number of steps over which a residual may change by the tolerance of a check."""
@@ -173,7 +174,7 @@ class Peak:
         """Process vectors: times (n,), vectors (n, number of components), scale (n,)."""
         sizes = norms(vectors)
         at = int(np.argmax(np.where(np.isnan(sizes), np.inf, sizes)))
-        if math.isnan(self.time_s) or _rank(float(sizes[at])) > _rank(self.size):
+        if math.isnan(self.time_s) or share_of(float(sizes[at]), 1.0) > share_of(self.size, 1.0):
             self.size, self.time_s = float(sizes[at]), float(times[at])
             self.component = int(np.argmax(np.abs(np.nan_to_num(vectors[at], nan=np.inf))))
         self.scale = float(np.maximum(self.scale, np.max(scale)))
@@ -181,11 +182,7 @@ class Peak:
     @property
     def rank(self) -> float:
         """Size over (1 + scale); infinite if it is not a number."""
-        return _rank(self.size / (1.0 + self.scale))
-
-
-def _rank(size: float) -> float:
-    return math.inf if math.isnan(size) else size
+        return share_of(self.size, 1.0 + self.scale)
 
 
 class ResidualDrift:

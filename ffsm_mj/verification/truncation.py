@@ -5,18 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
-from ffsm_mj.records.signals import SUBSYSTEMS
 from ffsm_mj.verification.check_result import LEAST_ORDER, TRUNCATION_CHECKS, Check, Truncation
-from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, CheckAccumulator, Tolerance
+from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, RESIDUALS, CheckAccumulator, Tolerance
 
 _AGREES = 0.5
 """A logged residual agrees with that of the states if they differ by less than this fraction of the tolerance."""
 
-ENTRIES = (
-    *((name, subsystem) for subsystem in SUBSYSTEMS for name in TRUNCATION_CHECKS[:3]),
-    (TRUNCATION_CHECKS[3], "total"),
-)
-"""Check and subsystem of each entry of the residuals of a step."""
+ENTRIES = tuple(dict.fromkeys((name, subsystem) for name, subsystem, _ in RESIDUALS))
+"""Check and subsystem of each entry of the residuals of a step: a number or a vector."""
 
 
 def has_question(checks: Iterable[Check], tolerance: Tolerance) -> bool:

@@ -16,6 +16,7 @@ from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.errors import LogError
 from ffsm_mj.log.mcap import reader
 from ffsm_mj.log.mcap.reader import StoredRows
+from ffsm_mj.log.mcap.salvage import LogFile
 from ffsm_mj.report import export
 from ffsm_mj.report.animation import write_animation
 from ffsm_mj.report.plots import figures, thinning
@@ -86,6 +87,18 @@ def test_rows_on_disk_are_indexed_like_an_array(tmp_path_factory, key):
     for beyond in (rows.shape[1], -rows.shape[1] - 1):
         with pytest.raises(IndexError, match="out of range"):
             rows[:, beyond]
+
+
+@pytest.mark.usefixtures("large")
+def test_a_row_is_read_from_its_chunk_alone(tmp_path, monkeypatch):
+    ffsm_mj.run(two_balls(tmp_path, duration_s=4.0), out=tmp_path / "out", rerun=False)
+    rows = ffsm_mj.load_run(tmp_path / "out").log.rows
+    read, content = [], LogFile.content
+    monkeypatch.setattr(LogFile, "content", lambda self, chunk: read.append(chunk) or content(self, chunk))
+    last = rows[-1]
+    assert read == [rows.batches[-1].chunk]
+    np.testing.assert_array_equal(last, rows[:][-1])
+    assert len(read) > 3
 
 
 @pytest.mark.usefixtures("large")

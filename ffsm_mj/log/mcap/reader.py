@@ -19,7 +19,7 @@ import numpy as np
 from google.protobuf.message import DecodeError
 from mcap.records import Attachment, Channel, Metadata, Schema
 
-from ffsm_mj.arrays import FloatArray
+from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.contact_models.registry import contact_models
 from ffsm_mj.errors import LogError, one_line
 from ffsm_mj.log import limits
@@ -28,8 +28,8 @@ from ffsm_mj.log.mcap.salvage import MESSAGE_HEAD, UNREADABLE, Batch, LogFile, o
 from ffsm_mj.log.sampling import Sampling
 from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.kinds import RecordKind, kind_of, kinds
-from ffsm_mj.records.metadata import fault_of_metadata, fault_of_version, logged_start_s
-from ffsm_mj.records.run_log import BLOCK_ROWS, RunHeader, RunLog, run_log
+from ffsm_mj.records.metadata import fault_of_metadata, fault_of_version
+from ffsm_mj.records.run_log import DOUBTFUL, READ_ROWS, RunHeader, RunLog, run_log
 from ffsm_mj.records.signals import TIME, Layout
 
 _MOST_TOPICS, _LONGEST_TOPIC = 3, 60
@@ -200,7 +200,7 @@ class _Contents:
         # Half a nanosecond: times of messages are rounded to whole ones.
         spans = zip((before[places] * 1e-9 - 5e-10).tolist(), (after[places] * 1e-9 + 5e-10).tolist(), strict=True)
         lost = tuple(dict.fromkeys(spans)) if self._file.holes else ()
-        return lost if lost or self._file.data_match else ((-math.inf, -math.inf),)
+        return lost if lost or self._file.data_match else DOUBTFUL
 
 
 def _load_plugins(topics: Iterable[str]) -> None:
@@ -229,12 +229,11 @@ def _text(path: Path, name: str, content: bytes) -> str:
 def _gaps(log: RunLog) -> str:
     """Gaps and repetitions of the samples as text; empty if there are none or the control period is unknown."""
     try:
-        metadata = log.header.metadata
-        sampling = Sampling(float(metadata.get("control_period_s", "")), log.instants_s, logged_start_s(metadata))
+        sampling = Sampling(log, float(log.header.metadata.get("control_period_s", "")))
     except ValueError:
         return ""
     sampling.ticks(log.column(TIME))
-    sampling.end(log.outcome.end_s if log.outcome is not None else None)
+    sampling.end()
     return sampling.sentence()
 
 
@@ -299,16 +298,31 @@ class StoredRows:
         Raises:
             LogError: The file was removed or replaced.
         """
+        return (block for _, block in self._blocks(columns))
+
+    def _blocks(self, columns: Sequence[int] | None, wanted: IntArray | None = None) -> Iterator[tuple[int, FloatArray]]:
+        """Blocks with the index of the first row of each; those of chunks without rows that are wanted are left out.
+
+        Args:
+            columns: Columns of the blocks; None: all.
+            wanted: Indices of rows, ascending; None: all.
+        """
         if _stamp(self._file) != self._stamp:
             raise LogError(self._path, "has changed since the run was read")
         try:
             with opened(self._file) as file:
-                for chunk, batches in groupby(self.batches, key=lambda batch: batch.chunk):
+                end = 0
+                for chunk, group in groupby(self.batches, key=lambda batch: batch.chunk):
+                    batches = list(group)
+                    start, end = end, end + sum(batch.count for batch in batches)
+                    if wanted is not None and np.diff(np.searchsorted(wanted, (start, end))) == 0:
+                        continue
                     content = file.content(chunk)
                     for batch in batches:
                         messages = batch.messages(content)
-                        for first in range(0, batch.count, BLOCK_ROWS):
-                            yield self._codec.decode(messages[first : first + BLOCK_ROWS], columns)
+                        for first in range(0, batch.count, READ_ROWS):
+                            yield start + first, self._codec.decode(messages[first : first + READ_ROWS], columns)
+                        start += batch.count
         except UNREADABLE as error:
             raise LogError(self._path, f"not of this version's format ({error})") from error
 
@@ -325,7 +339,7 @@ class StoredRows:
             return self._column(range(self._width)[columns])[rows]
         chosen = np.arange(self._width)[columns]
         if isinstance(rows, int | np.integer):
-            row = int(np.arange(self._count)[rows])
+            row = range(self._count)[rows]
             return self._read(slice(row, row + 1), chosen.tolist())[0]
         return self._read(rows, chosen.tolist())
 
@@ -343,19 +357,15 @@ class StoredRows:
         return numbers
 
     def _read(self, rows: Any, columns: Sequence[int] | None) -> FloatArray:
-        """Read some rows and columns in one pass."""
-        # One pass over the file serves any order of rows: they are sorted, values block by block, and stored in place.
+        """Read some rows and columns in one pass, from the chunks that contain them."""
+        # One pass over the file serves any order of rows: they are sorted, read block by block, and stored in place.
         wanted = np.arange(self._count)[rows]
         order = np.argsort(wanted, kind="stable")
         ascending = wanted[order]
         values = np.empty((len(wanted), self._width if columns is None else len(columns)))
-        start = 0
-        for block in self.blocks(columns):
+        for start, block in self._blocks(columns, ascending):
             first, last = np.searchsorted(ascending, (start, start + len(block)))
             values[order[first:last]] = block[ascending[first:last] - start]
-            start += len(block)
-            if last == len(ascending):
-                break
         return values
 
 

@@ -19,7 +19,6 @@ from typing import Any, BinaryIO
 import numpy as np
 import numpy.typing as npt
 import zstandard
-from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Schema
@@ -257,8 +256,7 @@ def _records_in(content: bytes, chunk: tuple[int, int]) -> Iterator[Batch | Chan
             last_ns = _MESSAGE.unpack_from(content, at + size * (count - 1) + _RECORD.size)[2]
             yield Batch(chunk, channel, at, size, count, (first_ns, last_ns))
         elif opcode in {Opcode.CHANNEL, Opcode.SCHEMA}:
-            body = ReadDataStream(BytesIO(content[at + _RECORD.size : at + size]))
-            yield Channel.read(body) if opcode == Opcode.CHANNEL else Schema.read(body)
+            yield _record(content[at : at + size])
         at += size * count
 
 
