@@ -150,7 +150,7 @@ def _efforts(system: System, values: Any, ids: Iterable[int], what: str) -> Floa
         raise InputError(f"{what}: shape {efforts.shape}, but one effort each is needed for {', '.join(names)}")
     bad = [f"{name} {value}" for name, value in zip(names, efforts, strict=True) if not np.isfinite(value)]
     if bad:
-        raise InputError(f"{what}: efforts must be finite: {', '.join(bad)}")
+        raise InputError(f"{what}: efforts and setpoints must be finite: {', '.join(bad)}")
     return efforts
 
 

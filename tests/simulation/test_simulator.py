@@ -113,7 +113,7 @@ def test_commands():
         ({"motor_9": 1.0}, "unknown actuator 'motor_9'; did you mean|allowed: .*; or a model: robot"),
         ({"motor_1": [1.0, 2.0]}, r"command of 'motor_1': shape \(2,\)"),
         ({"motor_1": 1.0, "robot": np.zeros(6)}, "'robot' names actuators that another name gives too"),
-        (np.full(6, np.nan), "efforts must be finite: robot/thruster_x nan"),
+        (np.full(6, np.nan), "efforts and setpoints must be finite: robot/thruster_x nan"),
         ("fast", "not numbers"),
     ],
 )
