@@ -169,6 +169,53 @@ cdef int finish_stage(StageInMemory stage, RowMemory memory, const double* qvel,
     return memory.write_resultants(stage.along, stage.wrenches)
 
 
+# A force falls below its bound where a parabola is predicted within this share of its depth above it: a tenth of its sag.
+cdef double _NEAR = 0.025
+
+
+cdef const double* along_rows(stage) except NULL:
+    """Forces along the rows in a stage, which keeps them."""
+    cdef const double[::1] along
+    if isinstance(stage, StageInMemory):
+        return (<StageInMemory>stage).along
+    along = stage.along
+    return &along[0]
+
+
+cdef inline double inside(const double* force, double mu) noexcept nogil:
+    """How far a force (n, t1, t2) is inside its bounds, N: a normal force pushes, of a point that sticks in its cone."""
+    return force[0] - (hypot(force[1], force[2]) / mu if mu > 0.0 else 0.0)
+
+
+def dip(list stages not None, const double[::1] stick_mu not None):
+    """First share of a step of RK4 at which a force may be outside its bounds although it is inside at both ends; 0: none.
+
+    The middle of the parabola through start, middle and end is the mean of both stages there. One errs by -h^2 a / 8, the
+    other by as much with the other sign: the mean is exact to third order, in the positions as in the velocities.
+
+    Args:
+        stages: The stages of the step, and the evaluation at its end.
+        stick_mu: Coefficients of friction of points that stick; zero at the others, (k,).
+    """
+    cdef const double* forces[5]
+    cdef Py_ssize_t p
+    cdef int s
+    cdef double start, middle, end, bend, slope, first = 1.0
+    if len(stages) != 5:
+        return 0.0
+    for s in range(5):
+        forces[s] = along_rows(stages[s])
+    for p in range(stick_mu.shape[0]):
+        start, end = inside(forces[0] + 3 * p, stick_mu[p]), inside(forces[4] + 3 * p, stick_mu[p])
+        if start < 0.0 or end < 0.0:
+            continue
+        middle = 0.5 * (inside(forces[1] + 3 * p, stick_mu[p]) + inside(forces[2] + 3 * p, stick_mu[p]))
+        bend, slope = 2.0 * (start + end) - 4.0 * middle, 4.0 * middle - 3.0 * start - end
+        if slope < 0.0 and slope + 2.0 * bend > 0.0 and start - 0.25 * slope * slope / bend < _NEAR * bend:
+            first = min(first, -0.5 * slope / bend)
+    return first if first < 1.0 else 0.0
+
+
 cdef class StageSums:
     """Integrals over a step of the contact forces in its stages."""
 

@@ -28,6 +28,7 @@ from ffsm_mj._core.memory cimport numbers, room
 from ffsm_mj._core.rows cimport find_extremes, RowEvaluator, RowMemory, sum_up
 from ffsm_mj._core.slip_layers cimport allows_step
 from ffsm_mj._core.stages cimport Smooth, StageInMemory
+from ffsm_mj._core.stages import dip
 from ffsm_mj._core.tick cimport SteadyForces
 
 
@@ -414,6 +415,8 @@ cdef class SteadyContacts(SteadyForces):
         first = len(stages) - 1 - n  # the last one of all is at the end of the step
         if first < 0:
             return False
+        if dip(stages[first:], self.point_modes.stick_mu) > 0.0:
+            return False  # a force may have left its bounds within the step
         stages = stages[first : first + n]
         if not all([isinstance(candidate, StageInMemory) for candidate in stages]):
             return False

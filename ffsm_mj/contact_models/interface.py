@@ -30,7 +30,7 @@ from ffsm_mj.records.events import RunEnded
 from ffsm_mj.records.kinds import RecordKind
 from ffsm_mj.records.signals import Layout
 from ffsm_mj.state import Stateful
-from ffsm_mj.tolerances import EVENT_TIME, EVENT_TIME_S
+from ffsm_mj.tolerances import EVENT_TIME, EVENT_TIME_S, INSTANT_S
 
 if TYPE_CHECKING:
     from ffsm_mj._core.tick import SteadyForces
@@ -181,6 +181,26 @@ def just_after(f: Callable[[float], float], start_s: float, end_s: float) -> flo
         root, late = min(root + late, end_s), 2.0 * late
         if root >= end_s or f(root) < 0.0:
             return root
+
+
+def first_root(f: Callable[[float], float], end_s: float) -> float:
+    """The first of several such times from the start of a step on; see :func:`just_after`.
+
+    Bracketing finds any one root, and a function that has fallen below zero may have risen again before it: where it is
+    negative at a quarter of the way to the root, an earlier one precedes. Between these places a function that a step of
+    order four resolves does not change its sign twice.
+
+    Args:
+        f: The function; positive at the start.
+        end_s: A time at which it is negative, s.
+    """
+    root = just_after(f, 0.0, end_s)
+    while root > INSTANT_S:
+        earlier = next((part * root for part in (0.25, 0.5, 0.75) if f(part * root) < 0.0), None)
+        if earlier is None:
+            break
+        root = just_after(f, 0.0, earlier)
+    return root
 
 
 class Source:

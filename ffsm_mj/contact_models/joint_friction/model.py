@@ -38,7 +38,7 @@ from ffsm_mj.contact_models.interface import (
     Replayable,
     Scene,
     event_fields,
-    just_after,
+    first_root,
 )
 from ffsm_mj.contact_models.joint_friction.coordinates import CoordinatesOfMotion, FrictionCoordinates
 from ffsm_mj.contact_models.joint_friction.decision import RestRows, Senses, decided, least_use
@@ -392,12 +392,7 @@ class JointFriction(EventSource, ForceSource, Replayable):
             return min(self._margins())
 
         ends = [time_s for time_s in (*sorted(self._suspects), duration_s) if time_s <= duration_s and margin(time_s) < 0.0]
-        if not ends:
-            return None
-        root_s = just_after(margin, 0.0, ends[0])
-        while root_s > INSTANT_S and margin(0.5 * root_s) < 0.0:  # of several roots the first one counts
-            root_s = just_after(margin, 0.0, 0.5 * root_s)
-        return root_s
+        return first_root(margin, ends[0]) if ends else None
 
     def act(self, instant: EventTime) -> EventEffect | None:
         """Stop joints that come to rest, let those slide whose limit is reached, and decide on all that are at rest."""

@@ -17,7 +17,7 @@ import numpy as np
 
 from ffsm_mj._core.contacts import ContactEvaluation, StageForces
 from ffsm_mj._core.rows import RowEvaluator
-from ffsm_mj._core.stages import Smooth
+from ffsm_mj._core.stages import Smooth, dip
 from ffsm_mj._core.steady import SteadyContacts
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.features.gap_function import Feature, FeatureState
@@ -530,6 +530,17 @@ class ActiveContactSet:
         # All terms are continuous in time, as bracketing needs; their units differ, but only the sign counts.
         bounds = inside + FEATURE_BOUND_M, DRIFT_M - gap, DRIFT_M_S - rate, *self._tilts.margins()
         return min(*bounds, self._clearance_elsewhere(decision), decision.validity_margin(exact=exact))
+
+    def dip_s(self) -> float:
+        """Time in the last step at which a contact force may be outside its bounds although it is inside at both ends, s.
+
+        0: at none. In an implicit step only its end is looked at.
+        """
+        forced = self.motion.forced
+        if not self.pressing or forced is None or forced.implicit:
+            return 0.0
+        share = dip(self.stages[-1 - len(forced.weights) :], self.modes.of(self.pressing).stick_mu)
+        return share * float(self.motion.data.time - self.motion.path.start[0])
 
     def is_settled(self) -> bool:
         """Whether no contact point opens, leaves its feature or changes its mode, and no pair touches at another point."""

@@ -38,6 +38,7 @@ from ffsm_mj.contact_models.interface import (
     LoggedEvent,
     Replayable,
     Scene,
+    first_root,
     just_after,
 )
 from ffsm_mj.contact_models.persistent.active_set import (
@@ -68,7 +69,7 @@ from ffsm_mj.records.contact_forces import ActiveContact, Wrench
 from ffsm_mj.records.kinds import RecordKind
 from ffsm_mj.records.signals import Layout
 from ffsm_mj.state import entries
-from ffsm_mj.tolerances import CLEARLY_APART_M, INSTANT_S
+from ffsm_mj.tolerances import CLEARLY_APART_M
 
 _START_FRACTIONS = tuple(0.5**k for k in range(1, 20))
 """Fractions of a step at which a positive gap is looked for: a point that lands may start the step at a gap of rounding."""
@@ -125,12 +126,12 @@ def unit_wrenches(closed: ActiveContactSet, which: BoolArray) -> FloatArray:
     return np.array([np.concatenate((along, np.cross(point, along))) for point, along in forces]).reshape(-1, 6)
 
 
-def first_change(active_set: ActiveContactSet, duration_s: float) -> tuple[float, bool] | None:
+def first_change(active_set: ActiveContactSet, times_s: Sequence[float]) -> tuple[float, bool] | None:
     """First time in a step at which the active set or a feature is no longer valid.
 
     Args:
         active_set: The closed contacts, with the active set chosen at the start of the step.
-        duration_s: Time since the start of the step up to which to search.
+        times_s: Times since the start of the step at which it may be invalid, ascending.
 
     Returns:
         The time, located just after the zero crossing, and whether closed pairs touch there at a point that is not one of
@@ -145,13 +146,13 @@ def first_change(active_set: ActiveContactSet, duration_s: float) -> tuple[float
         # Points stick a little beyond the limit of friction. Those that leave it further behind are released at the limit.
         return active_set.witness_value(exact=True)
 
-    path.move_to(duration_s)
-    if active_set.witness_value() >= 0.0:
+    for invalid_s in times_s:
+        path.move_to(invalid_s)
+        if active_set.witness_value() < 0.0:
+            break
+    else:
         return None
-    changed = just_after(slack, 0.0, duration_s)
-    # A gap that drifts beyond its bound may return and cross it again: of several roots the first one counts.
-    while changed > INSTANT_S and slack(0.5 * changed) < 0.0:
-        changed = just_after(slack, 0.0, 0.5 * changed)
+    changed = first_root(slack, invalid_s)
     path.move_to(changed)
     landing = active_set.touches_elsewhere()
     return _landing_time(active_set, changed) if landing else changed, landing
@@ -225,6 +226,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         self._previous: tuple[Motion, tuple[str, ...], frozenset[frozenset[int]]] | None = None
         self._landing, self._resumes = False, False
         self._located_s: float | None = None
+        self._dip_s = 0.0
 
     @dataclass
     class State:
@@ -420,13 +422,17 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         return self._active_set.step_limit(left_s)
 
     def is_clear(self) -> bool:
-        """Whether the active set and the features of the step's start are still valid at its end."""
+        """Whether the active set and the features of the step's start are still valid at its end, and its forces inside it."""
+        if not self.active:
+            return True
         closed = self._active_set
-        return not self.active or closed.steady.holds() or closed.witness_value() >= 0.0
+        self._dip_s = closed.dip_s()
+        return not self._dip_s and (closed.steady.holds() or closed.witness_value() >= 0.0)
 
     def first_event(self, duration_s: float) -> float | None:
         """Time at which the active set or a feature ceased to be valid, located just after the zero crossing."""
-        located = first_change(self._active_set, duration_s)
+        dips = (self._dip_s,) if 0.0 < self._dip_s < duration_s else ()
+        located = first_change(self._active_set, (*dips, duration_s))
         if located is None:
             return None
         self._located_s, self._landing = located

@@ -109,6 +109,31 @@ def test_release_at_the_root_of_the_force(tmp_path):
     proved(run)
 
 
+def test_a_force_that_falls_below_zero_and_rises_again_in_one_step_releases(tmp_path):
+    """A sprung wheel makes the spin swing: w = RATE - A sin(W t) is least in the middle of a step, whose ends it passes pressed.
+
+    With h = 2 ms and W h = 0.09 the spin at both ends of that step is 2e-3 rad/s above its least; the force is zero 1e-3 rad/s
+    above it. RK4 errs by (W h)^5 / 120 of A a step, 1.7e-6 rad/s by then, where the spin falls at 2.8 rad/s^2.
+    """
+    arm, wheel, step_s, turn = SPUN, 0.02, 2e-3, -1.0
+    least_s = 17.5 * step_s
+    W = 0.5 * math.pi / least_s
+    swing = wheel * W / (arm + wheel)
+    zero = RATE - swing + 1e-3
+    spring = W**2 * arm * wheel / (arm + wheel)
+    model = FLYWEIGHTS.replace('name="wheel" axis', f'name="wheel" stiffness="{spring!r}" axis')
+    initial = {"joints": {"a": 0.3, "b": 0.3, "wheel": turn}, "rates": {"robot/free": [0, 0, 0, 0, 0, RATE]}}
+    steps = {"time_step_s": step_s, "control_period_s": step_s, "duration_s": 0.04}
+    path = scene(tmp_path, model, {}, initial=initial, phases=DRIVEN, **steps)
+    hold = 0.15 * zero**2
+    run = ffsm_mj.run(path, controllers=driven_by(lambda _: (0.0, -hold, -hold)))
+    ends = run.records["limit_endings"]
+    assert [each.joint for each in ends] == ["robot/a", "robot/b"]
+    assert ends[0].time_s == pytest.approx(math.asin((RATE - zero) / swing) / W, abs=2e-6)
+    assert ends[0].force_before == pytest.approx(0.0, abs=1e-7)
+    assert_replayed(run)
+
+
 def test_a_sample_between_two_events_changes_no_record(tmp_path):
     """Sampled inside the step of the release: the force before it is that at its root, not that at the sample."""
     sensors = {"base": {"kind": "framepos", "of": "robot/base", "interval_s": 3.7e-4}}

@@ -97,6 +97,11 @@ class PointModes:
         return self.any_slides and not self.any_straight and bool((self.kinds == SLIDE).all())
 
     @cached_property
+    def stick_mu(self) -> FloatArray:
+        """Coefficients of friction of the points that stick; zero at the others, (k,)."""
+        return np.where(self.kinds == STICK, self.mu, 0.0)
+
+    @cached_property
     def drift_m_s(self) -> float:
         """Speed up to which no point slips, if all stick; negative if one does not."""
         return 2.0 * TOGETHER * float(self.stop_speeds.min()) if self.all_stick else -1.0
