@@ -75,7 +75,7 @@ class Stateful:
         Raises:
             StateError: It does not fit.
         """
-        values = entries(state, [field.name for field in fields(self.State)], type(self).__qualname__)
+        values = entries(state, self.State, type(self).__qualname__)
         for name, attribute, kind in _attributes(type(self), self):
             where = f"{type(self).__qualname__}.{name}"
             present = getattr(self, attribute)
@@ -97,17 +97,21 @@ def _attributes(kind: type[Any], part: Any) -> list[tuple[str, str, str]]:
     ]
 
 
-def entries(state: Any, names: Sequence[str], where: str) -> Mapping[str, Any]:
+def entries(state: Any, needed: type[Any] | Sequence[str], where: str = "") -> Mapping[str, Any]:
     """The entries of a state by name.
 
     Args:
         state: A dataclass, or the mapping that was read of one.
-        names: Names that it must have, and no others.
-        where: Whose state it is, for messages.
+        needed: The class of the state, or the names that it must have, and no others.
+        where: Whose state it is, for messages; by default the class in which that of the state is.
 
     Raises:
         StateError: It has others.
     """
+    if isinstance(needed, type):
+        names, where = [field.name for field in fields(needed)], where or needed.__qualname__.rpartition(".")[0]
+    else:
+        names = list(needed)
     values = {field.name: getattr(state, field.name) for field in fields(state)} if is_dataclass(state) else state
     if not isinstance(values, Mapping) or set(values) != set(names):
         has = f"has {', '.join(map(str, values))}" if isinstance(values, Mapping) else f"is {type(values).__name__}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from numbers import Integral, Real
 from typing import Any, cast
 
@@ -154,7 +154,7 @@ class PhaseMachine:
             observation: What the controller sees at it.
             replaced: Phases, by position, whose control laws are of another kind: the state has nothing of them.
         """
-        saved = entries(state, [field.name for field in fields(self.State)], "the phases")
+        saved = entries(state, self.State, "the phases")
         self.phase_index, self._start_s, self._grasp = saved["phase_index"], saved["start_s"], saved["grasp"]
         self._begun, self._requests = [], []
         self._current = None if saved["current"] is None else PhaseRecord(**saved["current"])

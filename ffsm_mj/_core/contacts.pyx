@@ -22,7 +22,7 @@ from libc.string cimport memcpy, memset
 
 from ffsm_mj._core.forces cimport ActiveForces, of_rows, patches_of
 from ffsm_mj._core.memory cimport numbers, room
-from ffsm_mj._core.rows cimport RowEvaluator, RowMemory, write_rounding
+from ffsm_mj._core.rows cimport RowMemory, write_rounding
 from ffsm_mj._core.stages cimport empty_stage, finish_stage, generalise, Smooth, StageInMemory
 
 
@@ -255,15 +255,14 @@ cdef class ContactEvaluation:
 
     cdef double margin_of(self) except? -2.0:
         cdef const double* forces = self.present_forces()
-        cdef const double* rounding = self.roundings()
         cdef Py_ssize_t p
         cdef int j
-        cdef double least = INFINITY, largest = 0.0, roughest = 0.0, inertia = 0.0, pressing = INFINITY
+        cdef double least = INFINITY, largest = 0.0, inertia = 0.0, pressing = INFINITY
         cdef Py_ssize_t sticking = 0
         for p in range(self.memory.points):
             if self.memory.rubs[p]:
                 least = min(least, self.mu[p] * forces[0] - sqrt(forces[1] * forces[1] + forces[2] * forces[2]))
-                roughest, inertia = max(roughest, rounding[p]), inertia + self.memory.inverse_mass(3 * p)
+                inertia += self.memory.inverse_mass(3 * p)
                 sticking += 1
             else:
                 pressing = min(pressing, self.presses(p))
@@ -273,7 +272,7 @@ cdef class ContactEvaluation:
         if not sticking:
             return pressing
         inertia /= sticking
-        return min(pressing, least * inertia + _ON_CONE * (largest * inertia + roughest))
+        return min(pressing, (least + _ON_CONE * largest) * inertia)
 
     def sticking(self):
         """The solution if all points stick and may go on to do so: none slips, and each is inside its own cone.

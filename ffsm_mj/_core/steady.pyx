@@ -17,17 +17,12 @@ from cpython.bytes cimport PyBytes_FromStringAndSize
 from libc.math cimport NAN, sqrt
 from libc.string cimport memcpy, memset
 
-from ffsm_mj._core.contacts cimport (
-    ContactEvaluation,
-    largest_ratio,
-    StageForces,
-    state_under,
-)
-from ffsm_mj._core.forces cimport patches_of, StuckPatches
+from ffsm_mj._core.contacts cimport largest_ratio, state_under
+from ffsm_mj._core.forces cimport patches_of
 from ffsm_mj._core.memory cimport numbers, room
-from ffsm_mj._core.rows cimport find_extremes, RowEvaluator, RowMemory, sum_up
+from ffsm_mj._core.rows cimport find_extremes, RowEvaluator, sum_up
 from ffsm_mj._core.slip_layers cimport allows_step
-from ffsm_mj._core.stages cimport Smooth, StageInMemory
+from ffsm_mj._core.stages cimport StageInMemory
 from ffsm_mj._core.stages import dip
 from ffsm_mj._core.tick cimport SteadyForces
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from contextvars import copy_context
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
@@ -67,7 +67,7 @@ class SimulatorState:
         Raises:
             StateError: They are no state of a simulator, of another version, or damaged.
         """
-        state = entries(from_bytes(data), [field.name for field in fields(cls)], "a simulator")
+        state = entries(from_bytes(data), cls, "a simulator")
         return cls(**state)
 
 

@@ -473,10 +473,11 @@ class Replayable(Source):
     def after_replayed_step(self) -> None:
         """Called at the end of a replayed (sub-)step, with the logged state in ``data`` where the log has it."""
 
-    def missing_event(self) -> str:
-        """Name of the records of an event that is due at the logged state in ``data``, from which a log replay goes on.
+    def catch_up(self) -> str:
+        """Do what a run does without a record at the logged state in ``data``, from which a log replay goes on.
 
-        A run would have logged it there; empty if none is due.
+        Returns:
+            Name of the records of an event that is due there, which a run would have logged; empty if none is.
         """
         return ""
 

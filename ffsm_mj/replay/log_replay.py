@@ -337,7 +337,7 @@ class LogReplay:
             path.at_s = math.nan  # the core does not say where it is
             path.move_to(0.0)  # the step is made again, in two parts
         if self._at_logged_state and duration_s > 0.0:
-            self._find_missing_events()
+            self._catch_up()
         while duration_s > 0.0:
             self._before_substep(duration_s, left)
             try:
@@ -352,12 +352,12 @@ class LogReplay:
             duration_s, left = duration_s - done_s, left - done_s
         return 0.0
 
-    def _find_missing_events(self) -> None:
+    def _catch_up(self) -> None:
         """Note events that the log ought to have at the logged state in ``data``: to rounding, later states may differ."""
         self._at_logged_state, time_s = False, float(self._plant.data.time)
         integrator = self._plant.integrator
         for contact_model in integrator.replayable:
-            if missing := contact_model.missing_event():
+            if missing := contact_model.catch_up():
                 self.current.impacts.keep(impossible(f"{missing} missing", time_s))
         integrator.discard_idle()
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 from ffsm_mj.contact.watch import ContactWatch
@@ -168,7 +168,7 @@ class Simulation:
 
     def _set_state(self, state: Any, start: Start | None) -> None:
         replaced = start.replaced if start is not None else ()
-        values = entries(state, [field.name for field in fields(self.State)], "the simulation")
+        values = entries(state, self.State, "the simulation")
         self._log.pass_on()
         self.progress.set_state(values["progress"])
         self._evaluation.set_state(values["evaluation"])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -169,7 +169,7 @@ class Plant:
 
     def set_state(self, state: Any) -> None:
         """Go on from a state."""
-        saved = entries(state, [field.name for field in fields(self.State)], "Plant")
+        saved = entries(state, self.State)
         model, data = self.system.mj, self.data
         values = fitting(saved["data"], (mujoco.mj_stateSize(model, WHOLE_STATE),), "Plant.data")
         mujoco.mj_setState(model, data, values, WHOLE_STATE)

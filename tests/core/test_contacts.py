@@ -17,7 +17,7 @@ from ffsm_mj._core.stages import Smooth, StageSums
 from ffsm_mj.assembly.simulator import Simulator, SimulatorState
 from ffsm_mj.contact.features.search import features
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
-from ffsm_mj.contact_models.persistent.friction.cones import margin_of
+from ffsm_mj.contact_models.persistent.friction.cones import ON_CONE, depth
 from ffsm_mj.contact_models.persistent.friction.decision import Decision
 from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK, FrictionModes
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
@@ -221,7 +221,7 @@ def test_points_that_stick(resting):
         agree(generalised, expected @ rows.J)
         agree(np.array(stage.wrenches), np.array(rows.wrenches(expected)))
         solution, forces, mu = here.sticking(), expected.reshape(-1, 3), np.full(k, 0.5)
-        margin = margin_of(forces, mu, rows.G.diagonal()[::3], here.rounding, np.abs(forces).max())
+        margin = (depth(forces, mu) + ON_CONE * np.abs(forces).max()) * rows.G.diagonal()[::3].mean()
         assert (solution is not None) == (pushed is force) == (margin > 0.0)
         if solution is not None:
             agree(solution.forces, forces)

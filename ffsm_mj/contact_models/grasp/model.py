@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -196,7 +196,7 @@ class GraspModel(EventSource, Replayable):
 
     def set_state(self, state: Any) -> None:
         """Go on from a state; the motion is that of :meth:`current_motion`."""
-        values = entries(state, [field.name for field in fields(self.State)], "GraspModel")
+        values = entries(state, self.State)
         set_states(self._latches, values["latches"], "GraspModel")
         self._closed.set_state(values["closed"], self._latches)
         self._closing, self._goes_on = [self._latches[name] for name in values["closing"]], values["goes_on"]

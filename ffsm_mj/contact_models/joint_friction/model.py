@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -128,7 +128,7 @@ class JointFriction(EventSource, ForceSource, Replayable):
 
     def set_state(self, state: Any) -> None:
         """Go on from a state; that of the motion is in its data."""
-        values = entries(state, [field.name for field in fields(self.State)], "JointFriction")
+        values = entries(state, self.State)
         self._heat[:] = fitting(values["heat_J"], (3,), "JointFriction")
         self._set(Senses.without_contacts(fitting(values["senses"], self.senses.shape, "JointFriction")))
 

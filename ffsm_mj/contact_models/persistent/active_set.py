@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -303,7 +303,7 @@ class ActiveContactSet:
 
         Attributes:
             closed: Name of each with its features, in order.
-            pressing: Places of the points that carry force among all of them; None: no step has chosen them.
+            pressing: Places of the points that carry force among all of them.
             flat: Names of the pairs that carried force at enough points for a patch, be it at others than now.
             modes: Friction modes of the points.
             in_step: Whether a step since the last event has ended here: the forces at its end are known.
@@ -337,10 +337,7 @@ class ActiveContactSet:
         Raises:
             StateError: They do not fit.
         """
-        values, stored = (
-            entries(state, [field.name for field in fields(self.State)], "ActiveContactSet"),
-            StoredFeatures(self._model),
-        )
+        values, stored = entries(state, self.State), StoredFeatures(self._model)
         self.by_pair.clear()
         for name, kept in values["closed"]:
             pair = pairs[name]

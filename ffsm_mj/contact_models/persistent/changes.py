@@ -24,7 +24,9 @@ from ffsm_mj.contact_models.persistent.record import (
     CONTACT_SLIPS,
     CONTACT_STICKS,
     FRICTION_KINDS,
-    LIMIT_KINDS,
+    LIMIT_BEGINS,
+    LIMIT_CHANGES,
+    LIMIT_ENDS,
     ContactRecord,
     ContactSlips,
     ContactSticks,
@@ -34,7 +36,9 @@ from ffsm_mj.records.kinds import RecordKind
 Change: TypeAlias = tuple[RecordKind, list[UnilateralConstraint]]
 """Kind of record of a change, as for pairs, and the pairs and limits concerned."""
 PAIR_KINDS = (CONTACT_BEGINS, CONTACT_ENDS, CONTACT_CHANGES)
-"""Kinds of records of pairs, in the order of ``LIMIT_KINDS``."""
+"""Kinds of records of pairs besides those of friction."""
+_LIMIT_KIND_OF = {CONTACT_BEGINS.name: LIMIT_BEGINS, CONTACT_ENDS.name: LIMIT_ENDS, CONTACT_CHANGES.name: LIMIT_CHANGES}
+"""The kind of record that joint limits have of a change, by that which pairs have."""
 
 
 class ContactChanges:
@@ -199,11 +203,10 @@ class ChangeRecords:
         apply()
         places |= report.places([pair for pair in geoms if pair in self._active_set.by_pair])
         shared = event_fields(scene, instant, scene.data.qvel)  # no change of contacts changes velocities
-        limit_kind = LIMIT_KINDS[PAIR_KINDS.index(kind)] if limits else LIMIT_KINDS[0]
         closed = [pair for pair in self._changes.logged if isinstance(pair, ContactPair)]
         return (
             *report.records(kind, places, before, shared, closed),
-            *self._limits.records(limit_kind, at_limits, shared),
+            *(self._limits.records(_LIMIT_KIND_OF[kind.name], at_limits, shared) if limits else ()),
         )
 
 

@@ -265,16 +265,6 @@ class PointRows:
         raise NotImplementedError
 
     @cached_property
-    def normals(self) -> FloatArray:
-        """Normals from a to b, (k, 3); zero for a joint limit."""
-        return _stacked([group.normals for group in self.groups])
-
-    @cached_property
-    def points(self) -> FloatArray:
-        """Points of application of the forces, m, (k, 3)."""
-        return _stacked([group.points for group in self.groups])
-
-    @cached_property
     def axes(self) -> FloatArray:
         """Normal and tangents of each point, world axes, (k, 3, 3)."""
         return self.memory.array("axes")
@@ -303,7 +293,3 @@ class PointRows:
     def across(self, components: FloatArray) -> FloatArray:
         """Vectors with given components along the tangents of each point, world axes, (k, 3)."""
         raise NotImplementedError
-
-
-def _stacked(parts: list[FloatArray]) -> FloatArray:
-    return parts[0] if len(parts) == 1 else np.concatenate(parts)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,9 +21,6 @@ from ffsm_mj.contact_models.persistent.contact_points import ContactPoint, Point
 from ffsm_mj.contact_models.state_projection import exchange_signs
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.model.system import System
-
-if TYPE_CHECKING:
-    pass
 
 
 class Stage:

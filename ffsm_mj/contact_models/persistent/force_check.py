@@ -30,7 +30,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -69,10 +69,6 @@ from ffsm_mj.tolerances import (
     RANK,
     SAME_POINT_M,
 )
-
-if TYPE_CHECKING:
-    from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
-    from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 
 _LEAST_M_S = 1e-300
 """Keeps a quotient finite where a slip is exactly zero."""

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -247,7 +247,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
 
     def set_state(self, state: Any) -> None:
         """Close contacts at the state in ``data``, with the motion of that state."""
-        values = entries(state, [field.name for field in fields(self.State)], "PersistentContactModel")
+        values = entries(state, self.State)
         by_name = {pair.name: pair for pair in self._pairs}
         self._changes.logged = [by_name[name] for name in values["logged"]]
         self._report.set_state(values["contacts"])
@@ -256,8 +256,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         self._drift.projection.set_state(values["projection"])
         self._active_set.set_state(values["closed"], by_name)
         self._landing, self._located_s = False, None
-        names = [field.name for field in fields(ActiveContactSet.State)]
-        self._resumes = entries(values["closed"], names, "ActiveContactSet")["in_step"]
+        self._resumes = entries(values["closed"], ActiveContactSet.State)["in_step"]
         self._set_activity()
 
     def forget(self) -> None:
@@ -422,7 +421,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         return self._active_set.step_limit(left_s)
 
     def is_clear(self) -> bool:
-        """Whether the active set and the features of the step's start are still valid at its end, and its forces inside it."""
+        """Whether the active set and the features of the step's start are valid at its end, and its forces within it."""
         if not self.active:
             return True
         closed = self._active_set
@@ -482,9 +481,9 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         """Work of the contact forces plus heat of sliding in a trial step, J."""
         return self._account.work_without_heat(duration_s)
 
-    def missing_event(self) -> str:
-        """Name of the records of a change that is due; see :class:`Replayable`."""
-        self._drop(self._changes.left_at_once())  # as a run does in an event without records, of which its log has nothing
+    def catch_up(self) -> str:
+        """Drop limits that are left at once, and name the records of a change that is due; see :class:`Replayable`."""
+        self._drop(self._changes.left_at_once())
         change = self._changes.pending() if self.active else None
         return change[0].name if change else ""
 

@@ -110,10 +110,10 @@ def test_release_at_the_root_of_the_force(tmp_path):
 
 
 def test_a_force_that_falls_below_zero_and_rises_again_in_one_step_releases(tmp_path):
-    """A sprung wheel makes the spin swing: w = RATE - A sin(W t) is least in the middle of a step, whose ends it passes pressed.
+    """A sprung wheel makes the spin swing: w = RATE - A sin(W t) is least in the middle of a step, at whose ends it presses.
 
-    With h = 2 ms and W h = 0.09 the spin at both ends of that step is 2e-3 rad/s above its least; the force is zero 1e-3 rad/s
-    above it. RK4 errs by (W h)^5 / 120 of A a step, 1.7e-6 rad/s by then, where the spin falls at 2.8 rad/s^2.
+    With h = 2 ms and W h = 0.09 the spin at both ends of that step is 2e-3 rad/s above its least; the force is zero at half
+    of that. RK4 errs by (W h)^5 / 120 of A a step, 1.7e-6 rad/s by then, where the spin falls at 2.8 rad/s^2.
     """
     arm, wheel, step_s, turn = SPUN, 0.02, 2e-3, -1.0
     least_s = 17.5 * step_s

@@ -80,8 +80,9 @@ def check(pair, model, data, found):
         here.axes @ here.axes.transpose(0, 2, 1), np.broadcast_to(np.eye(3), here.axes.shape), atol=1e-15
     )
     # All that a state tells agrees with the feature by itself.
-    np.testing.assert_allclose(here.normals, [state.normal for state in states], rtol=0, atol=1e-15)
-    np.testing.assert_allclose(here.points, [state.point for state in states], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(here.axes[:, 0], [state.normal for state in states], rtol=0, atol=1e-15)
+    points = np.concatenate([group.points for group in here.groups])
+    np.testing.assert_allclose(points, [state.point for state in states], rtol=0, atol=1e-14)
     for of_all, state in zip(here.states, states, strict=True):
         for value, own in zip(of_all, state, strict=True):
             np.testing.assert_allclose(value, own, rtol=1e-13, atol=1e-13)

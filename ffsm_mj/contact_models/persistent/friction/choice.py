@@ -16,7 +16,7 @@ from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact_models.impact.friction.coulomb import coulomb_forces, lemke
 from ffsm_mj.contact_models.impact.laws import least_norm, project
-from ffsm_mj.contact_models.persistent.friction.cones import cone_margin, in_accelerations, margin_of
+from ffsm_mj.contact_models.persistent.friction.cones import ON_CONE, cone_margin, depth
 from ffsm_mj.contact_models.persistent.friction.internal_forces import internal_forces
 from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK, unit_slips
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, Solution, StageEquation
@@ -27,7 +27,7 @@ _SLIPS, _SATURATED = 1e-7, 1e-6
 friction force within the second of its limit: the acceleration is zero there."""
 _CORRECTIONS = 3
 """Corrections of modes per contact point before the choice fails."""
-_OPENS = 10.0
+OPENS = 10.0
 """A gap opens where its second rate exceeds its rounding by this factor."""
 _BEGINS, _GOES_ON = 1.0, 2.0
 """A point at rest sticks where friction at its limit would leave it an acceleration within its rounding times the first
@@ -114,7 +114,7 @@ class ModeChoice:
         So where latches hold bodies by an axis through the contact point: they would roll over each other, in place.
         """
         problem = self._problem
-        closes = problem.b[::3] < -_OPENS * self._states.rounding
+        closes = problem.b[::3] < -OPENS * self._states.rounding
         return np.flatnonzero(closes & ~problem.movable_normals)
 
     def _movable(self, kinds: IntArray) -> IntArray:
@@ -161,7 +161,7 @@ class ModeChoice:
 
     def _validity(self, kinds: IntArray, directions: FloatArray, forces: FloatArray, accelerations: FloatArray) -> float:
         """Least margin of the conditions on normal forces and gaps, m/s^2."""
-        problem, rounding = self._problem, _OPENS * self._states.rounding
+        problem, rounding = self._problem, OPENS * self._states.rounding
         present, least = set(kinds.tolist()), np.inf
         if SLIDE in present:
             if not problem.is_regular(kinds, directions):
@@ -191,18 +191,14 @@ class ModeChoice:
         problem, sticks = self._problem, (kinds == STICK).nonzero()[0]
         if not len(sticks):
             return np.inf
-        sticking = forces[sticks], problem.mu[sticks], problem.inverse_mass[sticks], self._states.rounding[sticks]
-        margin = margin_of(*sticking, float(np.abs(forces).max()))
+        sticking, mu = forces[sticks], problem.mu[sticks]
+        inverse_masses: list[float] = problem.inverse_mass[sticks].tolist()
+        margin = depth(sticking, mu)
+        rounding, inverse_mass = ON_CONE * float(np.abs(forces).max()), sum(inverse_masses) / len(inverse_masses)
         # Forces of redundant points are not unique: they stick if any shares of the same effect lie inside all cones.
-        if margin >= 0.0 or not problem.redundant(kinds):
-            return margin
-        inertia, allowed = in_accelerations(*sticking[2:], float(np.abs(forces).max()))
-        return self._joint_margin(kinds, forces) * inertia + allowed
-
-    def _joint_margin(self, kinds: IntArray, forces: FloatArray) -> float:
-        """Largest margin that any forces with the effect of the given ones have at the sticking points, N."""
-        problem, sticks = self._problem, np.flatnonzero(kinds == STICK)
-        return cone_margin(forces[sticks], internal_forces(problem, sticks), problem.mu[sticks])
+        if margin + rounding < 0.0 and problem.redundant(kinds):
+            margin = cone_margin(sticking, internal_forces(problem, sticks), mu)
+        return (margin + rounding) * inverse_mass
 
     def _without_friction(self) -> Solution | None:
         """Modes of points none of which has friction: those press that unilateral springs would make press."""
@@ -301,8 +297,8 @@ class ModeChoice:
             kinds, directions = kinds.copy(), directions.copy()
             # As in an active-set method: a point that pulls opens, one that overlaps presses, one beyond its cone slides,
             # and one that would slide against its friction sticks.
-            pulls = (kinds != CLOSED) & (solution.forces[:, 0] * problem.inverse_mass < -_OPENS * states.rounding)
-            overlaps = (kinds == CLOSED) & (solution.accelerations[:, 0] < -_OPENS * states.rounding)
+            pulls = (kinds != CLOSED) & (solution.forces[:, 0] * problem.inverse_mass < -OPENS * states.rounding)
+            overlaps = (kinds == CLOSED) & (solution.accelerations[:, 0] < -OPENS * states.rounding)
             friction = np.hypot(solution.forces[:, 1], solution.forces[:, 2])
             over = (kinds == STICK) & ~pulls & (friction > problem.mu * solution.forces[:, 0])
             back = (kinds == SLIDE) & self._still & (problem.mu > 0.0) & ~pulls

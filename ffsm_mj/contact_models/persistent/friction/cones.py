@@ -70,27 +70,6 @@ def depth(forces: FloatArray, mu: FloatArray) -> float:
     return float(min([limit * normal - math.hypot(*across) for limit, (normal, *across) in points]))
 
 
-def margin_of(forces: FloatArray, mu: FloatArray, inverse_mass: FloatArray, rounding: FloatArray, largest: float) -> float:
-    """Least margin of sticking points to their own friction cones as an acceleration, m/s^2; negative outside.
-
-    Args:
-        forces: Forces (n, t1, t2) of the m points, N, (m, 3).
-        mu: Coefficients of friction, (m,).
-        inverse_mass: Inverse masses along the normals, 1/kg, (m,).
-        rounding: Rounding of the accelerations, m/s^2, (m,).
-        largest: Largest component of the forces of all points, N.
-    """
-    inertia, allowed = in_accelerations(inverse_mass, rounding, largest)
-    return depth(forces, mu) * inertia + allowed
-
-
-def in_accelerations(inverse_mass: FloatArray, rounding: FloatArray, largest: float) -> tuple[float, float]:
-    """Factor from margins of forces to margins of accelerations, 1/kg, and rounding of the latter, m/s^2."""
-    masses: list[float] = inverse_mass.tolist()
-    inertia = sum(masses) / len(masses)
-    return inertia, ON_CONE * (largest * inertia + max(rounding.tolist()))
-
-
 def cone_margin(forces: FloatArray, freedom: FloatArray, mu: FloatArray) -> float:
     """Largest margin to the friction cones, N; at most ten times the largest given force.
 

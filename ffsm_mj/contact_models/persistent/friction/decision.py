@@ -9,7 +9,7 @@ import numpy as np
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
-from ffsm_mj.contact_models.persistent.friction.choice import ModeChoice, NoModesError, PointStates
+from ffsm_mj.contact_models.persistent.friction.choice import OPENS, ModeChoice, NoModesError, PointStates
 from ffsm_mj.contact_models.persistent.friction.internal_forces import shares_in_cones
 from ffsm_mj.contact_models.persistent.friction.modes import (
     CLOSED,
@@ -42,14 +42,16 @@ NEAR_STOP = 6.0
 _STOP_SHARE = 0.5
 """Such a step takes at most this share of the time to the stop."""
 
-_OPENS = 10.0
-"""A gap opens where a gap'' exceeds its rounding by this factor."""
 _REVERSED_M_S = 1e-13
 """A slip against its direction by more than this is a reversal, not rounding."""
 
 
 class Decision:
-    """Contact forces and modes at one state; computed on demand.
+    """Contact forces and modes at one state.
+
+    Each value is computed when it is first asked for, from the rows and forces of the state at the construction, wherever
+    ``data`` is by then. It counts while :meth:`is_for` says so: until the points, their modes or what has happened to them
+    change.
 
     Attributes:
         evaluation: All closed contact points at the state.
@@ -211,7 +213,7 @@ class Decision:
             return ()
         opening = self.solution.accelerations[:, 0].tolist()
         rates = zip(self.contact_points, opening, self.rounding.tolist(), strict=True)
-        return tuple([contact for contact, rate, rounding in rates if rate > _OPENS * rounding])
+        return tuple([contact for contact, rate, rounding in rates if rate > OPENS * rounding])
 
     def keep_modes(self) -> None:
         """Make the modes chosen those of the next step."""
@@ -241,7 +243,7 @@ class Decision:
         if self.sticks or not (closed := solution.kinds == CLOSED).any():
             return valid
         # Points that open at the start of a step have been removed: those without force stay in touch within it.
-        return min(valid, float((_OPENS * self.rounding - solution.accelerations[:, 0])[closed].min()))
+        return min(valid, float((OPENS * self.rounding - solution.accelerations[:, 0])[closed].min()))
 
     @property
     def sticks(self) -> bool:

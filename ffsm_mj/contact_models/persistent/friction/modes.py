@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import IntEnum
 from itertools import groupby
 from typing import Any, NamedTuple
@@ -255,7 +255,7 @@ class FrictionModes:
             state: Their state.
             contact_points: The points.
         """
-        saved = entries(state, [field.name for field in fields(self.State)], "FrictionModes")
+        saved = entries(state, self.State)
 
         def by_point(values: Mapping[int, Any]) -> dict[ContactPoint, Any]:
             return {contact_points[i]: value for i, value in values.items()}
