@@ -274,7 +274,7 @@ cdef class ContactEvaluation:
         inertia /= sticking
         return min(pressing, (least + _ON_CONE * largest) * inertia)
 
-    def sticking(self):
+    def settled(self):
         """The solution if all points stick and may go on to do so: none slips, and each is inside its own cone.
 
         Those without friction press.

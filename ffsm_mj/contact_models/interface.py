@@ -408,7 +408,7 @@ class ForceSource(Source):
         """Return a function that restores what :meth:`begin_step` changes: several steps are tried from one state."""
         return _nothing
 
-    def step_limit(self, left_s: float) -> float:
+    def plan_step(self, left_s: float) -> float:
         """Longest (sub-)step that its forces allow from the state in ``data``, s; called after :meth:`begin_step`.
 
         Args:

@@ -381,7 +381,7 @@ class EventDrivenIntegrator:
         # Step-size control must not try a step that contact forces forbid; events, which shorten a step, do not concern it.
         reach_s = left_s
         for source in self._active:
-            reach_s = min(reach_s, source.step_limit(left_s))
+            reach_s = min(reach_s, source.plan_step(left_s))
         if reach_s < left_s < reach_s + shortest_s(float(self.motion.data.time)):
             reach_s = left_s
         most_s = min(most_s, reach_s)

@@ -173,7 +173,7 @@ def test_contact_without_friction(resting, rng):
         chosen.keep_modes()
         here = ContactEvaluation(points, rows, pushed, modes.of(points))
         agree(Decision(here, modes).forces, chosen.forces)
-        assert (here.sticking() is not None) == (pushed is force), "steady where all press"
+        assert (here.settled() is not None) == (pushed is force), "steady where all press"
         for which in ((), (1,), (0, 2), (0, 1, 2), range(k)):
             held = np.zeros(k)
             held[list(which)] = np.linalg.lstsq(G[np.ix_(which, which)], -free[list(which)], rcond=RANK)[0]
@@ -211,7 +211,7 @@ def test_points_that_stick(resting):
     evaluator, k = RowEvaluator(motion, motion.data, points), len(points)
     for pushed in (force, -force):
         rows = evaluator.rows()
-        assert ContactEvaluation(points, rows, pushed, sticking(points)).sticking() is None
+        assert ContactEvaluation(points, rows, pushed, sticking(points)).settled() is None
         here = ContactEvaluation(points, rows, pushed, sticking(points, stop_speeds=np.full(k, 1e6)))
         b = rows.J @ np.linalg.solve(mass_matrix(motion.model, motion.data), pushed) + rows.gamma
         agree(here.problem.b, b)
@@ -220,7 +220,7 @@ def test_points_that_stick(resting):
         agree(stage.forces, expected[::3])
         agree(generalised, expected @ rows.J)
         agree(np.array(stage.wrenches), np.array(rows.wrenches(expected)))
-        solution, forces, mu = here.sticking(), expected.reshape(-1, 3), np.full(k, 0.5)
+        solution, forces, mu = here.settled(), expected.reshape(-1, 3), np.full(k, 0.5)
         margin = (depth(forces, mu) + ON_CONE * np.abs(forces).max()) * rows.G.diagonal()[::3].mean()
         assert (solution is not None) == (pushed is force) == (margin > 0.0)
         if solution is not None:

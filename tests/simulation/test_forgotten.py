@@ -166,7 +166,7 @@ SCENES: dict[str, tuple[Any, dict[str, Any], float, dict[str, str]]] = {
             "ImpactModel": "overlap heat",
             "FrictionModes": "kinds directions largest_slip",
             "FrictionReport": "values work_J",
-            "ActiveContactSet": "closed pressing modes",
+            "ClosedContacts": "closed pressing modes",
             "_ForceTable": "values",
             "PersistentContactModel": "closed logged contacts friction",
             "Balance": "numbers",

@@ -15,7 +15,7 @@ from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.contact_models.grasp.load import LoadBuffer
 from ffsm_mj.contact_models.grasp.model import GraspModel
 from ffsm_mj.contact_models.impact.model import ImpactModel
-from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
+from ffsm_mj.contact_models.persistent.closed_contacts import ClosedContacts
 from ffsm_mj.contact_models.persistent.columns import ContactReport
 from ffsm_mj.log.mcap.sink import McapSink
 from ffsm_mj.log.recorder import Recorder
@@ -27,7 +27,7 @@ from tests.scenes import two_balls
 from tests.ticks import in_the_loop
 
 PLACES = {
-    "a contact model, in a stage": (ActiveContactSet, "push", 90),
+    "a contact model, in a stage": (ClosedContacts, "push", 90),
     "a contact model, at its event": (GraspModel, "act", 0),
     "a contact model, told of an event": (GraspModel, "after_event", 1),
     "an impact": (ImpactModel, "resolve", 0),

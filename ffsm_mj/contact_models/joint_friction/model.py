@@ -298,7 +298,7 @@ class JointFriction(EventSource, ForceSource, Replayable):
         if not slow.any():
             return Senses.without_contacts(senses)
         L = np.linalg.cholesky(mass_matrix(motion.model, motion.data))
-        contacts = self._contacts.closed_rows()
+        contacts = self._contacts.contact_rows()
         if contacts is not None:
             others = others + contacts.friction
         free, limits = self._free_acceleration(others), self._on.limits

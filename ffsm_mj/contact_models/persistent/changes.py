@@ -13,7 +13,7 @@ import numpy as np
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
 from ffsm_mj.contact_models.interface import EventTime, LoggedEvent, Scene, event_fields
-from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet, points_at_rest, switched_rate_tolerance
+from ffsm_mj.contact_models.persistent.closed_contacts import ClosedContacts, points_at_rest, switched_rate_tolerance
 from ffsm_mj.contact_models.persistent.columns import ContactReport, LimitReport
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.friction.modes import Mode
@@ -48,9 +48,9 @@ class ContactChanges:
         logged: Pairs and limits whose start is logged, and not yet their end.
     """
 
-    def __init__(self, scene: Scene, closed: ActiveContactSet) -> None:
+    def __init__(self, scene: Scene, closed: ClosedContacts) -> None:
         """Initialise with nothing logged."""
-        self._scene, self._active_set = scene, closed
+        self._scene, self._closed = scene, closed
         self.logged: list[UnilateralConstraint] = []
 
     def restore_before(self, event: LoggedEvent) -> None:
@@ -58,39 +58,39 @@ class ContactChanges:
         first, slips = event.records[0], isinstance(event.records[0], ContactSlips)
         if isinstance(first, (ContactSlips, ContactSticks)):
             names = {record.pair for record in event.records}
-            points = [contact for contact in self._active_set.contact_points if contact.pair.name in names]
-            self._active_set.modes.assume(points, sticks=slips)
+            points = [contact for contact in self._closed.contact_points if contact.pair.name in names]
+            self._closed.modes.assume(points, sticks=slips)
         if event.in_step:
-            self._active_set.note_release(slips=slips)
+            self._closed.note_release(slips=slips)
 
     def left_at_once(self) -> list[JointLimit]:
         """Limits at which joints are at rest, as at the start of a run, but which they leave under the present efforts.
 
         Neither a start nor an end is logged: the joint does not stay there.
         """
-        closed = self._active_set
-        new = [pair for pair in closed.by_pair if isinstance(pair, JointLimit) and pair not in self.logged]
-        leaving = closed.leaving() if new else ()
-        return [limit for limit in new if set(closed.by_pair[limit]).issubset(leaving)]
+        new = [pair for pair in self._closed.by_pair if isinstance(pair, JointLimit) and pair not in self.logged]
+        leaving = self._closed.leaving() if new else ()
+        return [limit for limit in new if set(self._closed.by_pair[limit]).issubset(leaving)]
 
     def unlogged(self) -> list[UnilateralConstraint]:
         """Closed pairs and limits whose start is not logged."""
-        return [pair for pair in self._active_set.by_pair if pair not in self.logged]
+        return [pair for pair in self._closed.by_pair if pair not in self.logged]
 
     def pending(self) -> Change | None:
         """The next change at the state in ``data`` under its efforts: one record kind at a time, and the pairs concerned."""
-        closed = self._active_set
         # One kind at a time: a pair begins before anything else happens to it, and points open before others change their
         # modes.
         if begins := self.unlogged():
             return CONTACT_BEGINS, begins
-        leaving, beyond = closed.leaving(), closed.pairs_outside_feature()
-        if not leaving and not beyond and all(closed.by_pair.values()):
+        leaving, beyond = self._closed.leaving(), self._closed.pairs_outside_feature()
+        if not leaving and not beyond and all(self._closed.by_pair.values()):
             return self._slips_or_sticks()
         # A corner that slides off a face may find an edge there; a pair without any other feature opens.
         lost = [pair for pair in beyond if not self._features_now(pair)]
         ends = [
-            pair for pair, contact_points in closed.by_pair.items() if set(contact_points).issubset(leaving) or pair in lost
+            pair
+            for pair, contact_points in self._closed.by_pair.items()
+            if set(contact_points).issubset(leaving) or pair in lost
         ]
         if ends:
             return CONTACT_ENDS, ends
@@ -99,11 +99,10 @@ class ContactChanges:
 
     def _slips_or_sticks(self) -> Change | None:
         """Pairs with friction that begin to slide, or else those that begin to stick."""
-        closed = self._active_set
-        if not closed.contact_points:
+        if not self._closed.contact_points:
             return None
-        decision = closed.decide()
-        kinds = closed.modes.of(decision.contact_points).kinds.tolist()
+        decision = self._closed.decide()
+        kinds = self._closed.modes.of(decision.contact_points).kinds.tolist()
         if kinds == decision.kinds.tolist():
             return None
         before = _slides(decision.contact_points, kinds)
@@ -117,17 +116,18 @@ class ContactChanges:
 
         They entered the active set, drifted or tilted to the limit, or a point with friction changed its mode or direction.
         """
-        closed = self._active_set
-        decision = closed.decide() if closed.contact_points else None
+        decision = self._closed.decide() if self._closed.contact_points else None
         if decision is None:
             return None
         presses = [
-            decision.contact_points[i].pair for i in decision.pressing if decision.contact_points[i] not in closed.pressing
+            decision.contact_points[i].pair
+            for i in decision.pressing
+            if decision.contact_points[i] not in self._closed.pressing
         ]
         # A log replay chooses modes anew at ticks and events only: it must know of each change between them.
         changed = (decision.evaluation.modes.kinds != decision.kinds) | decision.restarts
         presses += [decision.contact_points[i].pair for i in np.flatnonzero(changed).tolist()]
-        pairs = list(dict.fromkeys([*presses, *closed.pairs_with_drift(), *closed.pairs_with_tilt()]))
+        pairs = list(dict.fromkeys([*presses, *self._closed.pairs_with_drift(), *self._closed.pairs_with_tilt()]))
         return (CONTACT_CHANGES, pairs) if pairs else None
 
     def apply(self, kind: RecordKind, pairs: Sequence[UnilateralConstraint]) -> None:
@@ -137,15 +137,15 @@ class ContactChanges:
         elif kind is CONTACT_ENDS:
             for pair in pairs:
                 self.logged.remove(pair)
-                self._active_set.remove(pair)
+                self._closed.remove(pair)
         elif kind in FRICTION_KINDS:
-            self._active_set.update_pressing()
+            self._closed.update_pressing()
         else:
             self._change_points(pairs)
 
     def _change_points(self, pairs: Sequence[UnilateralConstraint]) -> None:
         """Remove the contact points that open, and redetermine the features of pairs that left one."""
-        closed, leaving, beyond = self._active_set, self._active_set.leaving(), self._active_set.pairs_outside_feature()
+        closed, leaving, beyond = self._closed, self._closed.leaving(), self._closed.pairs_outside_feature()
         for pair in pairs:
             if pair in beyond:
                 closed.set_points(pair, self._features_now(pair))
@@ -173,13 +173,13 @@ class ChangeRecords:
     def __init__(
         self,
         scene: Scene,
-        closed: ActiveContactSet,
+        closed: ClosedContacts,
         report: ContactReport,
         limits: LimitReport,
         changes: ContactChanges,
     ) -> None:
         """Bind to the closed contacts and their reports."""
-        self._scene, self._active_set = scene, closed
+        self._scene, self._closed = scene, closed
         self._report, self._limits, self._changes = report, limits, changes
 
     def of(
@@ -201,7 +201,7 @@ class ChangeRecords:
         geoms, limits = by_kind(pairs)
         before, places, at_limits = report.forces_before(geoms), report.places(geoms), self._limits.forces_before(limits)
         apply()
-        places |= report.places([pair for pair in geoms if pair in self._active_set.by_pair])
+        places |= report.places([pair for pair in geoms if pair in self._closed.by_pair])
         shared = event_fields(scene, instant, scene.data.qvel)  # no change of contacts changes velocities
         closed = [pair for pair in self._changes.logged if isinstance(pair, ContactPair)]
         return (

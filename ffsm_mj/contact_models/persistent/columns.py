@@ -22,7 +22,7 @@ from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
 from ffsm_mj.contact_models.impact.columns import DeepestOverlap, FrictionHeat
 from ffsm_mj.contact_models.interface import Scene
-from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
+from ffsm_mj.contact_models.persistent.closed_contacts import ClosedContacts
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint, point_runs
 from ffsm_mj.contact_models.persistent.exchange import Shares, Stage, exchanged, robot_dofs
 from ffsm_mj.contact_models.persistent.friction.decision import Decision
@@ -104,9 +104,9 @@ class LimitReport(_ForceTable):
         columns: Columns of every limited joint.
     """
 
-    def __init__(self, scene: Scene, limits: Sequence[JointLimit], closed: ActiveContactSet) -> None:
+    def __init__(self, scene: Scene, limits: Sequence[JointLimit], closed: ClosedContacts) -> None:
         """Initialise with no joint at a limit."""
-        self._scene, self._active_set, self._limits = scene, closed, tuple(limits)
+        self._scene, self._closed, self._limits = scene, closed, tuple(limits)
         joints = list(dict.fromkeys((limit.joint, limit.unit) for limit in limits))
         self._values = np.zeros((len(joints), 3))
         self._row = {limit: joints.index((limit.joint, limit.unit)) for limit in limits}
@@ -119,7 +119,7 @@ class LimitReport(_ForceTable):
 
     def _write_values(self) -> None:
         """Write the columns for the state in ``data`` under its efforts."""
-        limits = [pair for pair in self._active_set.by_pair if isinstance(pair, JointLimit)]
+        limits = [pair for pair in self._closed.by_pair if isinstance(pair, JointLimit)]
         if not limits and self._is_blank:
             return
         self._values[:, :2], self._is_blank = 0.0, not limits
@@ -128,11 +128,10 @@ class LimitReport(_ForceTable):
 
     def _now(self, limits: Sequence[JointLimit]) -> dict[JointLimit, tuple[float, float]]:
         """State and force of some limits, N or N m, at the state in ``data`` under its efforts."""
-        closed = self._active_set
         state = dict.fromkeys(limits, (_FREE, 0.0))
-        if not closed.contact_points or not limits:
+        if not self._closed.contact_points or not limits:
             return state
-        decision = closed.decide()
+        decision = self._closed.decide()
         for i, (contact, force) in enumerate(zip(decision.contact_points, decision.forces.tolist(), strict=True)):
             if isinstance(contact.pair, JointLimit) and contact.pair in state:
                 state[contact.pair] = (_PRESSED, force) if i in decision.pressing else (_TOUCHING, 0.0)
@@ -140,10 +139,9 @@ class LimitReport(_ForceTable):
 
     def add_forces(self, applied: FloatArray) -> None:
         """Add the forces of all limits under the efforts in ``data``, (nv,) of the motion."""
-        closed = self._active_set
-        limits = [pair for pair in closed.by_pair if isinstance(pair, JointLimit)]
+        limits = [pair for pair in self._closed.by_pair if isinstance(pair, JointLimit)]
         for limit, (_, force) in self._now(limits).items():
-            motion = closed.motion
+            motion = self._closed.motion
             applied += limit.row(motion.model, motion.data, motion.dofs) * force
 
     def add_impulses(self, impulses: Mapping[Any, float]) -> None:
@@ -155,9 +153,9 @@ class LimitReport(_ForceTable):
     def forces_before(self, limits: Sequence[JointLimit]) -> dict[JointLimit, float]:
         """Forces at the end of the last step, N or N m; 0 if there was no step since the last event."""
         forces: dict[JointLimit, float] = dict.fromkeys(limits, 0.0)
-        last = self._active_set.last_stage
+        last = self._closed.last_stage
         if last is not None:
-            for contact, force in zip(self._active_set.pressing, last.forces.tolist(), strict=True):
+            for contact, force in zip(self._closed.pressing, last.forces.tolist(), strict=True):
                 if isinstance(contact.pair, JointLimit) and contact.pair in forces:
                     forces[contact.pair] = force
         return forces
@@ -244,9 +242,9 @@ class ContactReport(_ForceTable):
         friction: Columns of the rules with friction.
     """
 
-    def __init__(self, scene: Scene, pairs: Sequence[ContactPair], closed: ActiveContactSet) -> None:
+    def __init__(self, scene: Scene, pairs: Sequence[ContactPair], closed: ClosedContacts) -> None:
         """Initialise with no closed contacts."""
-        self._scene, self._active_set = scene, closed
+        self._scene, self._closed = scene, closed
         self._rules = {name: i for i, name in enumerate(dict.fromkeys(pair.rule for pair in pairs))}
         self._values = np.tile(NOTHING, (len(self._rules), 1))
         with_friction = tuple(dict.fromkeys(pair.rule for pair in pairs if pair.mu > 0.0))
@@ -262,20 +260,21 @@ class ContactReport(_ForceTable):
 
     def _write_values(self) -> None:
         """Write the columns for the state in ``data`` under its efforts."""
-        closed = self._active_set
-        if not closed.by_pair and self._is_blank:
+        if not self._closed.by_pair and self._is_blank:
             return
-        self._is_blank = not closed.by_pair
-        if closed.steady.write():
+        self._is_blank = not self._closed.by_pair
+        if self._closed.steady.write():
             return
-        decision = closed.decide() if closed.contact_points else None
+        decision = self._closed.decide() if self._closed.contact_points else None
         by_rule = self._resultants(decision) if decision is not None else {}
         if len(by_rule) < len(self._rules):
             self._values[:, :IMPULSE] = NOTHING[:IMPULSE]
         if decision is None:
             self.friction.write({})
             return
-        pressing = closed.by_pair if decision.sticks else {decision.contact_points[i].pair for i in decision.pressing}
+        pressing = (
+            self._closed.by_pair if decision.is_settled else {decision.contact_points[i].pair for i in decision.pressing}
+        )
         by_pair = decision.of_pairs.by_pair
         rubbing = {}
         for rule, resultants in by_rule.items():
@@ -289,7 +288,7 @@ class ContactReport(_ForceTable):
 
     def _resultants(self, decision: Decision) -> dict[str, list[tuple[ContactPair, Resultant]]]:
         """Pairs in contact with the resultants of their forces, by rule."""
-        closed, forces, contact_points, end = self._active_set, decision.forces, decision.contact_points, 0
+        closed, forces, contact_points, end = self._closed, decision.forces, decision.contact_points, 0
         by_rule = dict[str, list[tuple[ContactPair, Resultant]]]()
         for pair, points_ in closed.by_pair.items():
             part = slice(end, end := end + len(points_))
@@ -300,17 +299,16 @@ class ContactReport(_ForceTable):
 
     def active(self) -> tuple[ActiveContact, ...]:
         """The closed pairs and their forces at the state in ``data`` under its efforts, for control laws."""
-        closed = self._active_set.by_pair.items()
+        closed = self._closed.by_pair.items()
         places = self.places([pair for pair, points in closed if points and isinstance(pair, ContactPair)])
-        decision = self._active_set.decide() if places else None
+        decision = self._closed.decide() if places else None
         return tuple(_active_contact(pair, at, decision) for pair, at in places.items())
 
     def wrenches(self) -> list[Wrench]:
         """Contact forces on both bodies of each closed contact at the state in ``data`` under its efforts."""
-        closed = self._active_set
-        if not closed.contact_points:
+        if not self._closed.contact_points:
             return []
-        decision, out = closed.decide(), []
+        decision, out = self._closed.decide(), []
         for contact, state, size, along in zip(
             decision.contact_points, decision.rows.states, decision.forces.tolist(), decision.friction, strict=True
         ):
@@ -327,7 +325,7 @@ class ContactReport(_ForceTable):
 
     def forces_before(self, pairs: Sequence[ContactPair]) -> dict[ContactPair, float]:
         """Resultant forces at the end of the last step, N; 0 if there was no step since the last event."""
-        closed, forces = self._active_set, dict.fromkeys(pairs, (0.0, 0.0, 0.0))
+        closed, forces = self._closed, dict.fromkeys(pairs, (0.0, 0.0, 0.0))
         if closed.stages:
             runs = point_runs(closed.pressing)
             for run, (x, y, z, *_) in zip(runs, closed.stages[-1].wrenches, strict=True):
@@ -338,7 +336,7 @@ class ContactReport(_ForceTable):
 
     def places(self, pairs: Sequence[ContactPair]) -> dict[ContactPair, Resultant]:
         """Resultant force and centre of pairs at the state in ``data`` under its efforts."""
-        closed, centres = self._active_set, {}
+        closed, centres = self._closed, {}
         decision, points = closed.decide() if closed.contact_points else None, closed.contact_points
         for pair in pairs:
             if decision and closed.by_pair.get(pair):
@@ -366,7 +364,7 @@ class ContactReport(_ForceTable):
             shared: Fields of all records of the event; see :func:`~ffsm_mj.contact_models.interface.event_fields`.
             closed: All pairs in persistent contact after the event.
         """
-        ended = {pair: pair not in self._active_set.by_pair for pair in places}
+        ended = {pair: pair not in self._closed.by_pair for pair in places}
         names = tuple(pair.name for pair in closed)
         friction = {pair: {} if ended[pair] else self._friction_fields(kind, pair) for pair in places}
         return tuple(
@@ -390,7 +388,7 @@ class ContactReport(_ForceTable):
 
     def _friction_fields(self, kind: RecordKind, pair: ContactPair) -> dict[str, Any]:
         """Fields of a record about the friction of a closed pair at the state in ``data``."""
-        decision = self._active_set.decide() if self._active_set.contact_points else None
+        decision = self._closed.decide() if self._closed.contact_points else None
         friction = decision.of_pairs.by_pair.get(pair) if decision is not None else None
         if friction is None or decision is None:
             return {}
@@ -412,7 +410,7 @@ class StepAccount:
     def __init__(
         self,
         scene: Scene,
-        closed: ActiveContactSet,
+        closed: ClosedContacts,
         friction: FrictionReport,
         heat: FrictionHeat,
         overlap: DeepestOverlap,
@@ -427,7 +425,7 @@ class StepAccount:
             overlap: Its deepest overlap.
         """
         self._overlap = overlap
-        self._system, self._active_set, self._friction, self._heat = scene.system, closed, friction, heat
+        self._system, self._closed, self._friction, self._heat = scene.system, closed, friction, heat
         self.projected: Exchange | None = None
         closed.steady.account_to(overlap.deepest, heat.total_J)
         self._sums: StageSums
@@ -436,11 +434,11 @@ class StepAccount:
 
     def of_steady_step(self, duration_s: float) -> Exchange | None:
         """Energy and momentum exchanged in a step that ends in a steady state, with all that it adds to columns."""
-        return None if self.projected is not None else self._active_set.steady.exchange(duration_s)
+        return None if self.projected is not None else self._closed.steady.exchange(duration_s)
 
     def exchanged(self, duration_s: float) -> tuple[Exchange | None, Mapping[UnilateralConstraint, float]]:
         """Energy and momentum exchanged, and the impulse of each pair in N s."""
-        closed, system, motion = self._active_set, self._system, self._active_set.motion
+        closed, system, motion = self._closed, self._system, self._closed.motion
         if not closed.pressing:
             return self.projected, {}
         key = closed.pressing, motion
@@ -458,14 +456,14 @@ class StepAccount:
     def add_friction(self) -> None:
         """Add work, slip and heat to their columns; :meth:`exchanged` must precede."""
         if self._rubs:
-            heat_J = self._friction.add_step(self._active_set.pressing, *self._last, self._sums.total)
+            heat_J = self._friction.add_step(self._closed.pressing, *self._last, self._sums.total)
             if heat_J:
                 self._heat.add(heat_J)
 
     def add_overlap(self) -> None:
         """Update the deepest overlap at the state in ``data``; joint limits have columns of their own."""
-        points, rows = self._active_set.contact_points, self._active_set.decide().rows
-        if points and not any(isinstance(pair, JointLimit) for pair in self._active_set.by_pair):
+        points, rows = self._closed.contact_points, self._closed.decide().rows
+        if points and not any(isinstance(pair, JointLimit) for pair in self._closed.by_pair):
             self._overlap.add(points[0].pair, rows.extremes.lowest)
             return
         for contact, gap in zip(points, rows.gaps, strict=True):
@@ -483,11 +481,10 @@ class StepAccount:
     @property
     def _rubs(self) -> bool:
         """Whether a pair with friction was closed and contacts carried force."""
-        closed = self._active_set
-        return bool(closed.pressing and closed.modes.of(closed.contact_points).pairs)
+        return bool(self._closed.pressing and self._closed.modes.of(self._closed.contact_points).pairs)
 
     def _stages(self, duration_s: float) -> tuple[Sequence[Stage], FloatArray]:
         """Stages of the step and their quadrature weights, s; the last entry of all is the evaluation at its end."""
-        forced = self._active_set.motion.forced
+        forced = self._closed.motion.forced
         assert forced is not None
-        return self._active_set.stages[-1 - len(forced.weights) : -1], duration_s * forced.weights
+        return self._closed.stages[-1 - len(forced.weights) : -1], duration_s * forced.weights

@@ -46,7 +46,7 @@ from ffsm_mj.contact_models.impact.friction.result import tangents
 from ffsm_mj.contact_models.impact.laws import least_norm, project
 from ffsm_mj.contact_models.impact.resolution import Contact, LimitContact, as_contact, contact_jacobian, contact_rows
 from ffsm_mj.contact_models.interface import Scene
-from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet, closed_and_still, closed_rate_tolerance
+from ffsm_mj.contact_models.persistent.closed_contacts import ClosedContacts, closed_and_still, closed_rate_tolerance
 from ffsm_mj.contact_models.persistent.columns import force_key, state_key
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.friction.cones import depth
@@ -107,11 +107,11 @@ def changes_by_turns(decision: Decision, solution: Solution, slides: BoolArray) 
 class RecordAccuracy:
     """Accuracy to which the state determines the fields of the records of one event; created before the event is applied."""
 
-    def __init__(self, active_set: ActiveContactSet) -> None:
+    def __init__(self, closed: ClosedContacts) -> None:
         """Evaluate what goes before the event, at the state in ``data``."""
-        self._active_set, stepped = active_set, active_set.contact_points and active_set.stages
-        self._tilt_share = max((_tilt_share(contact, active_set) for contact in active_set.pressing), default=0.0)
-        self._before = _sum_of_sizes(_force_changes(active_set, before=True)) if stepped else 0.0
+        self._closed, stepped = closed, closed.contact_points and closed.stages
+        self._tilt_share = max((_tilt_share(contact, closed) for contact in closed.pressing), default=0.0)
+        self._before = _sum_of_sizes(_force_changes(closed, before=True)) if stepped else 0.0
 
     def fields(self, records: Iterable[Any]) -> dict[str, float]:
         """Accuracy by field of the records: that of the forces after the event is of the state in ``data``.
@@ -119,7 +119,7 @@ class RecordAccuracy:
         Impulses have the rounding of tilts, and that of the time in the durations of steps. A point that has just stopped
         has no direction of slip but the one that it kept; a log does not have that one.
         """
-        closed, pairs = self._active_set, [record for record in records if isinstance(record, ContactRecord)]
+        closed, pairs = self._closed, [record for record in records if isinstance(record, ContactRecord)]
         after = use = 0.0
         if closed.contact_points:
             after = _sum_of_sizes(_force_changes(closed))
@@ -132,32 +132,32 @@ class RecordAccuracy:
         return fields | {"friction_use": use, "impulse_N_s": max(impulses, default=0.0)}
 
 
-def varied_forces(active_set: ActiveContactSet) -> Iterator[None]:
+def varied_forces(closed: ClosedContacts) -> Iterator[None]:
     """Turn each slip and each tilt at the state in ``data`` by its rounding, one after the other.
 
     The closed contacts have the forces of the turned direction between one step of the iteration and the next.
     """
-    changes = _force_changes(active_set) if active_set.contact_points else np.empty(0)
+    changes = _force_changes(closed) if closed.contact_points else np.empty(0)
     if not changes.size:
         return
-    decision, estimates = active_set.decide(), dict(active_set.modes.estimates)
-    active_set.steady.is_varied = True
+    decision, estimates = closed.decide(), dict(closed.modes.estimates)
+    closed.steady.is_varied = True
     for change in np.moveaxis(changes, 2, 0):
-        active_set.assume(decision.changed_by(change))
+        closed.assume(decision.changed_by(change))
         yield
-    active_set.assume(decision)
-    active_set.steady.is_varied = False
-    active_set.modes.estimates = estimates
+    closed.assume(decision)
+    closed.steady.is_varied = False
+    closed.modes.estimates = estimates
 
 
-def _force_changes(active_set: ActiveContactSet, *, before: bool = False) -> FloatArray:
+def _force_changes(closed: ClosedContacts, *, before: bool = False) -> FloatArray:
     """Changes of the forces (n, t1, t2) by all turns, N, (k, 3, m).
 
     Args:
-        active_set: The closed contacts, at the state in ``data``.
+        closed: The closed contacts, at the state in ``data``.
         before: Whether of the forces in the modes of the step that ends there, or of those from there on.
     """
-    decision, tilts = active_set.decide(), _changes_by_tilts(active_set)
+    decision, tilts = closed.decide(), _changes_by_tilts(closed)
     if before:
         turns = changes_by_turns(decision, decision.in_present_modes, decision.evaluation.modes.slides)
     else:
@@ -170,20 +170,20 @@ def _sum_of_sizes(changes: FloatArray) -> float:
     return float(np.linalg.norm(changes, axis=1).sum())
 
 
-def _changes_by_tilts(active_set: ActiveContactSet) -> FloatArray:
+def _changes_by_tilts(closed: ClosedContacts) -> FloatArray:
     """Changes of the forces where each tilt turns by its rounding, N, (k, 3, m)."""
-    decision, points = active_set.decide(), active_set.contact_points
+    decision, points = closed.decide(), closed.contact_points
     scales, shares = (
         decision.rows.scales,
-        {i: _tilt_share(points[i], active_set) for i in decision.pressing},
+        {i: _tilt_share(points[i], closed) for i in decision.pressing},
     )
     responses = [_tilt_response(decision, i, share * scales[i]) for i, share in shares.items() if share > 0.0]
     return np.stack(responses, axis=2) if responses else np.zeros((len(decision.contact_points), 3, 0))
 
 
-def _tilt_share(contact: ContactPoint, active_set: ActiveContactSet) -> float:
+def _tilt_share(contact: ContactPoint, closed: ClosedContacts) -> float:
     """Share to which the curvature terms at a point are known, 0 where normals are known no better."""
-    share = tilt_rounding(contact.feature, active_set.data, moves=active_set.motion.data is not active_set.data)
+    share = tilt_rounding(contact.feature, closed.data, moves=closed.motion.data is not closed.data)
     return share if share > ACCELERATION else 0.0
 
 
@@ -205,7 +205,7 @@ class PointAgain(NamedTuple):
 
 
 def resultants_with_friction(
-    closed: ActiveContactSet,
+    closed: ClosedContacts,
     points: Sequence[PointAgain],
     contacts: Sequence[Contact | LimitContact],
     motion: Motion,
@@ -260,7 +260,7 @@ def _axes(point: PointAgain) -> FloatArray:
     return np.vstack((point.near.normal, across))
 
 
-def _modes(closed: ActiveContactSet, points: Sequence[PointAgain], u: FloatArray) -> tuple[IntArray, float]:
+def _modes(closed: ClosedContacts, points: Sequence[PointAgain], u: FloatArray) -> tuple[IntArray, float]:
     """Modes of the points, (k,), and the rounding of their accelerations, m/s^2.
 
     Velocities of points that stick in the replay may drift like the gap rates of closed pairs; faster ones slide.
@@ -331,7 +331,7 @@ def _violation(
 
 
 def _active_rows(
-    closed: ActiveContactSet, points: Sequence[PointAgain], axes: Sequence[FloatArray], u: FloatArray, kinds: IntArray
+    closed: ClosedContacts, points: Sequence[PointAgain], axes: Sequence[FloatArray], u: FloatArray, kinds: IntArray
 ) -> tuple[list[int], FloatArray]:
     """Indices of the rows held in some modes, and the directions along which their forces act, (3k, rows)."""
     decision = closed.decide()
@@ -369,7 +369,7 @@ def _direction(u: FloatArray, replayed: FloatArray, rounding: float) -> FloatArr
     return np.asarray(slip if says_else or not unit.any() else unit)
 
 
-def _same_point(closed: ActiveContactSet, point: PointAgain) -> ContactPoint | None:
+def _same_point(closed: ClosedContacts, point: PointAgain) -> ContactPoint | None:
     """The contact point of the replay at the place of a point."""
     for contact in closed.by_pair.get(point.pair, ()):
         if (
@@ -387,9 +387,7 @@ class ForceCheck:
         places: See :class:`~ffsm_mj.contact_models.interface.LoggedForces`.
     """
 
-    def __init__(
-        self, scene: Scene, pairs: Sequence[UnilateralConstraint], closed: ActiveContactSet, layout: Layout
-    ) -> None:
+    def __init__(self, scene: Scene, pairs: Sequence[UnilateralConstraint], closed: ClosedContacts, layout: Layout) -> None:
         """Bind to the data, which holds the state of the row at each call, and to the closed contacts of the replay."""
         self._scene, self._pairs, self._closed_set = scene, tuple(pairs), closed
         limits = self._limits = [pair for pair in pairs if isinstance(pair, JointLimit)]

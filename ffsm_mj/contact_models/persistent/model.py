@@ -41,15 +41,6 @@ from ffsm_mj.contact_models.interface import (
     first_root,
     just_after,
 )
-from ffsm_mj.contact_models.persistent.active_set import (
-    ActiveContactSet,
-    closed_after_change,
-    closed_and_still,
-    closed_at,
-    closed_rate_tolerance,
-    rate_tolerance,
-    refusal_in,
-)
 from ffsm_mj.contact_models.persistent.changes import (
     PAIR_KINDS,
     ChangeRecords,
@@ -57,6 +48,15 @@ from ffsm_mj.contact_models.persistent.changes import (
     by_kind,
     listed_pairs,
     name_of,
+)
+from ffsm_mj.contact_models.persistent.closed_contacts import (
+    ClosedContacts,
+    closed_after_change,
+    closed_and_still,
+    closed_at,
+    closed_rate_tolerance,
+    rate_tolerance,
+    refusal_in,
 )
 from ffsm_mj.contact_models.persistent.columns import ContactReport, LimitReport, StepAccount
 from ffsm_mj.contact_models.persistent.exchange import Shares
@@ -82,28 +82,27 @@ class DriftProjection:
         projection: Projects the state.
     """
 
-    def __init__(self, scene: Scene, closed: ActiveContactSet) -> None:
+    def __init__(self, scene: Scene, closed: ClosedContacts) -> None:
         """Bind to the closed contacts."""
-        self._system, self._active_set, self.projection = scene.system, closed, StateProjection(scene, "contacts")
+        self._system, self._closed, self.projection = scene.system, closed, StateProjection(scene, "contacts")
 
     def remove_drift(self) -> Exchange | None:
         """Project the state in ``data`` at the start of a step if needed; returns the energy and momentum this changed."""
-        closed = self._active_set
-        if not closed.contact_points or not needs_projection(*drift_of(closed)):
+        if not self._closed.contact_points or not needs_projection(*drift_of(self._closed)):
             return None
-        contact_points, motion = closed.contact_points, closed.motion
+        contact_points, motion = self._closed.contact_points, self._closed.motion
         outside = Shares.of(self._system, contact_points, motion.grasped_bodies).outside != 0.0
-        projected = unit_wrenches(closed, outside.any(axis=0))
-        return self.projection.apply(motion, lambda: closed_rows(closed), projected, outside.any(axis=1))
+        projected = unit_wrenches(self._closed, outside.any(axis=0))
+        return self.projection.apply(motion, lambda: rows_to_project(self._closed), projected, outside.any(axis=1))
 
 
-def drift_of(closed: ActiveContactSet) -> tuple[float, float, float]:
+def drift_of(closed: ClosedContacts) -> tuple[float, float, float]:
     """Largest gap of the closed contact points, m, gap rate, m/s, and slip along a tangent that is drift, m/s."""
     rows = closed.decide().rows
     return rows.extremes.gap, rows.extremes.rate, rows.largest_slip(closed.modes.of(closed.contact_points).drifts)
 
 
-def closed_rows(closed: ActiveContactSet) -> ClosedRows:
+def rows_to_project(closed: ClosedContacts) -> ClosedRows:
     """Rows of all closed contact points at the current state, as a projection needs them."""
     every = closed.decide().rows
     J = every.J.reshape(len(closed.contact_points), 3, -1)
@@ -111,7 +110,7 @@ def closed_rows(closed: ActiveContactSet) -> ClosedRows:
     return ClosedRows(every.gaps, every.rates, J[:, 0], sticking.reshape(-1, J.shape[2]))
 
 
-def unit_wrenches(closed: ActiveContactSet, which: BoolArray) -> FloatArray:
+def unit_wrenches(closed: ClosedContacts, which: BoolArray) -> FloatArray:
     """Wrenches about the world origin of unit forces on geom b, (m, 6), at some of the closed contact points, (k,).
 
     Along the normals, and at points whose slip is drift along two tangents.
@@ -126,48 +125,48 @@ def unit_wrenches(closed: ActiveContactSet, which: BoolArray) -> FloatArray:
     return np.array([np.concatenate((along, np.cross(point, along))) for point, along in forces]).reshape(-1, 6)
 
 
-def first_change(active_set: ActiveContactSet, times_s: Sequence[float]) -> tuple[float, bool] | None:
+def first_change(closed: ClosedContacts, times_s: Sequence[float]) -> tuple[float, bool] | None:
     """First time in a step at which the active set or a feature is no longer valid.
 
     Args:
-        active_set: The closed contacts, with the active set chosen at the start of the step.
+        closed: The closed contacts, with the active set chosen at the start of the step.
         times_s: Times since the start of the step at which it may be invalid, ascending.
 
     Returns:
         The time, located just after the zero crossing, and whether closed pairs touch there at a point that is not one of
         their contact points; None if all stays valid.
     """
-    path = active_set.motion.path
+    path = closed.motion.path
 
     def slack(time_s: float) -> float:
         if time_s <= 0.0:
             return 1.0  # the active set was chosen at this state, so it is valid there whatever the rounding
         path.move_to(time_s)
         # Points stick a little beyond the limit of friction. Those that leave it further behind are released at the limit.
-        return active_set.witness_value(exact=True)
+        return closed.witness_value(exact=True)
 
     for invalid_s in times_s:
         path.move_to(invalid_s)
-        if active_set.witness_value() < 0.0:
+        if closed.witness_value() < 0.0:
             break
     else:
         return None
     changed = first_root(slack, invalid_s)
     path.move_to(changed)
-    landing = active_set.touches_elsewhere()
-    return _landing_time(active_set, changed) if landing else changed, landing
+    landing = closed.touches_elsewhere()
+    return _landing_time(closed, changed) if landing else changed, landing
 
 
-def _landing_time(active_set: ActiveContactSet, seen_s: float) -> float:
+def _landing_time(closed: ClosedContacts, seen_s: float) -> float:
     """Time at which the overlapping points of closed pairs touched.
 
     The detection threshold is a depth; an impact at that depth instead of at gap zero would change the energy.
     """
-    overlapping, path = active_set.overlapping_features(), active_set.motion.path
+    overlapping, path = closed.overlapping_features(), closed.motion.path
 
     def gap(time_s: float) -> float:
         path.move_to(time_s)
-        return min(feature.at(active_set.data).gap for feature in overlapping)
+        return min(feature.at(closed.data).gap for feature in overlapping)
 
     if not overlapping:
         return seen_s
@@ -212,15 +211,15 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
             heat: Heat of friction, shared with the impact model.
         """
         super().__init__(scene)
-        self._pairs, self._active_set = tuple(pairs), ActiveContactSet(scene)
+        self._pairs, self._closed = tuple(pairs), ClosedContacts(scene)
         self._broad_phase = BroadPhase(scene.system.mj, self._pairs)
-        self._changes = ContactChanges(scene, self._active_set)
+        self._changes = ContactChanges(scene, self._closed)
         geoms, limits = by_kind(self._pairs)
-        self._report = ContactReport(scene, geoms, self._active_set)
-        self._account = StepAccount(scene, self._active_set, self._report.friction, heat, overlap)
-        self._limits = LimitReport(scene, limits, self._active_set)
-        self._records = ChangeRecords(scene, self._active_set, self._report, self._limits, self._changes)
-        self._drift = DriftProjection(scene, self._active_set)
+        self._report = ContactReport(scene, geoms, self._closed)
+        self._account = StepAccount(scene, self._closed, self._report.friction, heat, overlap)
+        self._limits = LimitReport(scene, limits, self._closed)
+        self._records = ChangeRecords(scene, self._closed, self._report, self._limits, self._changes)
+        self._drift = DriftProjection(scene, self._closed)
         of_projections = self._drift.projection.columns if pairs else ()
         self.columns = (*self._report.columns, *self._limits.columns, *of_projections)
         self._previous: tuple[Motion, tuple[str, ...], frozenset[frozenset[int]]] | None = None
@@ -243,7 +242,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         """The closed contacts."""
         logged = [pair.name for pair in self._changes.logged]
         parts = self._report, self._limits, self._report.friction, self._drift.projection
-        return self.State(self._active_set.get_state(), logged, *(part.get_state() for part in parts))
+        return self.State(self._closed.get_state(), logged, *(part.get_state() for part in parts))
 
     def set_state(self, state: Any) -> None:
         """Close contacts at the state in ``data``, with the motion of that state."""
@@ -254,17 +253,17 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         self._limits.set_state(values["limits"])
         self._report.friction.set_state(values["friction"])
         self._drift.projection.set_state(values["projection"])
-        self._active_set.set_state(values["closed"], by_name)
+        self._closed.set_state(values["closed"], by_name)
         self._landing, self._located_s = False, None
-        self._resumes = entries(values["closed"], ActiveContactSet.State)["in_step"]
+        self._resumes = entries(values["closed"], ClosedContacts.State)["in_step"]
         self._set_activity()
 
     def forget(self) -> None:
         """No contact is closed."""
-        for pair in tuple(self._active_set.by_pair):
-            self._active_set.remove(pair)
-        self._active_set.set_pressing(())
-        self._active_set.modes.clear()
+        for pair in tuple(self._closed.by_pair):
+            self._closed.remove(pair)
+        self._closed.set_pressing(())
+        self._closed.modes.clear()
         self._changes.logged, self._previous = [], None
         self._set_activity()
 
@@ -274,19 +273,19 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         A pair that was on one rigid body before, as when an object is released, becomes closed if its geoms touch at rest.
         """
         super().bind(motion)
-        self._active_set.bind(motion)
-        by_pair = dict(self._active_set.by_pair)
+        self._closed.bind(motion)
+        by_pair = dict(self._closed.by_pair)
         for pair in by_pair:
             # Geoms of one rigid body cannot part: they are no contact while the grasp that joins them is closed.
             if pair.geom_ids in motion.disabled:
-                self._active_set.set_points(pair, ())
+                self._closed.set_points(pair, ())
         before, self._previous = self._previous, (motion, motion.grasps, motion.disabled)
         if before is not None and before != self._previous:
             for pair, near, still in closed_after_change(closed_pairs(self._broad_phase, self.scene, motion), by_pair):
                 self._update_pair(pair, near, still)
-                self._active_set.modes.replace(by_pair.get(pair, ()), self._active_set.by_pair.get(pair, ()))
+                self._closed.modes.replace(by_pair.get(pair, ()), self._closed.by_pair.get(pair, ()))
         self._update_activity()
-        self._active_set.update_pressing()  # a pair of the previous active set may be on one rigid body in this motion
+        self._closed.update_pressing()  # a pair of the previous active set may be on one rigid body in this motion
 
     def restart(self) -> None:
         """Discard the forces of the last step: the state or the efforts changed discontinuously.
@@ -294,12 +293,12 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         Where a run goes on from the end of a step, those that have just been evaluated are the forces there.
         """
         if not self._resumes:
-            self._active_set.clear_stages()
+            self._closed.clear_stages()
         self._resumes = False
 
     def holds(self, pair: UnilateralConstraint) -> bool:
         """Whether a pair is closed; see ``PersistentContacts`` in ``contact_models/impact``."""
-        return pair in self._active_set.by_pair
+        return pair in self._closed.by_pair
 
     def close(self, touching: ClosedPairs, *, struck: bool) -> None:
         """Close the pairs in contact whose normal velocity is zero at the velocities in ``data``.
@@ -310,30 +309,30 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         """
         # An impact leaves its contacts normal velocities of rounding, as a share of the speed at which they met.
         approach = max((-near.rate for _, near in touching), default=0.0)
-        closed_before = set(self._active_set.by_pair)
+        closed_before = set(self._closed.by_pair)
         now = [(pair, pair.at_velocities(self.scene.data, near)) for pair, near in touching]
         for pair, near in now:
             drifts = not struck and pair in closed_before
             self._update_pair(
                 pair, near, closed_rate_tolerance(near) if drifts else rate_tolerance(near, max(approach, 0.0))
             )
-        self._active_set.keep_slow_points([(pair, near) for pair, near in now if pair in closed_before])
-        self._active_set.modes.struck = True
+        self._closed.keep_slow_points([(pair, near) for pair, near in now if pair in closed_before])
+        self._closed.modes.struck = True
         self._update_activity()
 
     def prepare_replay(self, records: Sequence[Any]) -> None:
         """Close the pairs named by logged records that are in contact but not yet closed: no impact did so."""
         self.scene.numbers.continue_from(records[0].event)
-        if set(map(name_of, records)) - {pair.name for pair in self._active_set.by_pair}:
+        if set(map(name_of, records)) - {pair.name for pair in self._closed.by_pair}:
             pushed = self.active
             self.close(closed_pairs(self._broad_phase, self.scene, self.motion), struck=False)
             if not pushed:
-                self._active_set.see_other_forces()
+                self._closed.see_other_forces()
 
     def replay(self, event: LoggedEvent) -> EventEffect | None:
         """Reproduce a logged event in the modes before it."""
         self._changes.restore_before(event)
-        accuracy, effect = RecordAccuracy(self._active_set), super().replay(event)
+        accuracy, effect = RecordAccuracy(self._closed), super().replay(event)
         return effect._replace(accuracy=accuracy.fields(effect.records)) if effect is not None else None
 
     def refusal(self, _: UnilateralConstraint) -> str:
@@ -342,31 +341,31 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
 
     def _update_pair(self, pair: UnilateralConstraint, near: Proximity, still: float) -> None:
         if closed_and_still(near, still) and not self.refusal(pair):
-            self._active_set.add_closed(pair, near, still)
+            self._closed.add_closed(pair, near, still)
         elif self.holds(pair):
-            self._active_set.set_points(pair, ())
+            self._closed.set_points(pair, ())
 
     def _update_activity(self) -> None:
         """Be active while any pair is closed; a pair stays listed until its logged start has a logged end."""
         for pair in [
             pair
-            for pair, contact_points in self._active_set.by_pair.items()
+            for pair, contact_points in self._closed.by_pair.items()
             if not contact_points and pair not in self._changes.logged
         ]:
-            self._active_set.remove(pair)
+            self._closed.remove(pair)
         self._set_activity()
 
     def _set_activity(self) -> None:
-        self.active = bool(self._active_set.by_pair)
+        self.active = bool(self._closed.by_pair)
         # No bound on the motion excludes a change of the active set, which depends on forces: check every step.
         self.event_bound = -math.inf if self.active else math.inf
         if not self.active:
-            self._active_set.set_pressing(())
+            self._closed.set_pressing(())
 
     def restore_state(self, events: Sequence[LoggedEvent] = ()) -> None:
         """Find the closed contacts at the state in ``data``; the last record lists those with a logged start."""
-        for pair in tuple(self._active_set.by_pair):
-            self._active_set.remove(pair)
+        for pair in tuple(self._closed.by_pair):
+            self._closed.remove(pair)
         geoms, closed_rules = by_kind(self._pairs)[0], self._report.closed_rules()
         self._changes.logged = [*listed_pairs(events, geoms, closed_rules), *self._limits.logged_limits()]
         # Records may be lost with a damaged part of the log: columns then say of which rules pairs are closed.
@@ -376,15 +375,14 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         closed_before = [pair for pair in near_pairs if pair in self._changes.logged or pair.rule in unlisted]
         for pair, near, still in closed_at(self.scene, near_pairs, closed_before):
             self._update_pair(pair, near, still)
-        self._changes.logged += [pair for pair in self._active_set.by_pair if pair.rule in unlisted]
+        self._changes.logged += [pair for pair in self._closed.by_pair if pair.rule in unlisted]
         self._update_activity()
 
     def due(self) -> bool:
         """Whether a contact begins, ends or changes at the state in ``data`` under the efforts of the next step."""
-        closed = self._active_set
-        if not self.active or ((closed.steady.holds() or closed.is_settled()) and not self._changes.unlogged()):
+        if not self.active or ((self._closed.steady.holds() or self._closed.is_settled()) and not self._changes.unlogged()):
             return False
-        return bool(self._changes.left_at_once() or self._changes.pending() or self._active_set.touches_elsewhere())
+        return bool(self._changes.left_at_once() or self._changes.pending() or self._closed.touches_elsewhere())
 
     def begin_step(self) -> None:
         """Start a (sub-)step: project out the drift of closed contacts, and choose the active set.
@@ -394,44 +392,43 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         """
         self._located_s, self._account.projected = None, None
         # In a steady state the active set and the modes of the step before hold on: nothing is decided anew.
-        if not self._active_set.steady.goes_on():
+        if not self._closed.steady.goes_on():
             self._account.projected = self._drift.remove_drift()
-            self._active_set.update_pressing()
-            self._active_set.modes.move()
-            self._active_set.stages.clear()
+            self._closed.update_pressing()
+            self._closed.modes.move()
+            self._closed.stages.clear()
 
     def continue_step(self) -> None:
         """Go on with the active set and the modes of the step before, without projection."""
         self._account.projected = None
-        self._active_set.stages.clear()
+        self._closed.stages.clear()
 
     def begin_steady_steps(self) -> SteadyContacts | None:
         """Closed contacts, if they may be steady; see :class:`ForceSource`."""
         if self._changes.unlogged():
             return None
         self._located_s, self._account.projected = None, None
-        return self._active_set.steady
+        return self._closed.steady
 
     def snapshot(self) -> Callable[[], None]:
         """Return a function that restores the friction modes, which the start of a step chooses."""
-        return self._active_set.modes.snapshot()
+        return self._closed.modes.snapshot()
 
-    def step_limit(self, left_s: float) -> float:
+    def plan_step(self, left_s: float) -> float:
         """Longest (sub-)step for points whose slip is about to stop; see :class:`ForceSource`."""
-        return self._active_set.step_limit(left_s)
+        return self._closed.plan_step(left_s)
 
     def is_clear(self) -> bool:
         """Whether the active set and the features of the step's start are valid at its end, and its forces within it."""
         if not self.active:
             return True
-        closed = self._active_set
-        self._dip_s = closed.dip_s()
-        return not self._dip_s and (closed.steady.holds() or closed.witness_value() >= 0.0)
+        self._dip_s = self._closed.dip_s()
+        return not self._dip_s and (self._closed.steady.holds() or self._closed.witness_value() >= 0.0)
 
     def first_event(self, duration_s: float) -> float | None:
         """Time at which the active set or a feature ceased to be valid, located just after the zero crossing."""
         dips = (self._dip_s,) if 0.0 < self._dip_s < duration_s else ()
-        located = first_change(self._active_set, (*dips, duration_s))
+        located = first_change(self._closed, (*dips, duration_s))
         if located is None:
             return None
         self._located_s, self._landing = located
@@ -442,15 +439,15 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         reached = self._located_s is not None and time_s >= self._located_s
         self._landing = self._landing and reached
         if reached and not self._landing:
-            self._active_set.note_release()
+            self._closed.note_release()
 
     def names(self) -> str:
         """The closed pairs."""
-        return "; ".join(str(pair) for pair in self._active_set.by_pair)
+        return "; ".join(str(pair) for pair in self._closed.by_pair)
 
     def push(self, data: Any) -> None:
         """Add the contact forces; see :class:`~ffsm_mj.contact_models.interface.ContactModel`."""
-        self._active_set.steady.push(data)
+        self._closed.steady.push(data)
 
     def wrenches(self, data: Any) -> Sequence[Wrench]:  # noqa: ARG002
         """Contact forces on the bodies under the efforts in ``data``, from a new active set."""
@@ -489,25 +486,27 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
 
     def varied_forces(self) -> Iterator[None]:
         """Turn each slip and each tilt by its rounding; see :class:`Replayable`."""
-        return varied_forces(self._active_set)
+        return varied_forces(self._closed)
 
     def force_check(self, layout: Layout) -> ForceCheck:
         """Check of the logged contact forces by other functions; see :mod:`.force_check`."""
-        return ForceCheck(self.scene, self._pairs, self._active_set, layout)
+        return ForceCheck(self.scene, self._pairs, self._closed, layout)
 
-    def closed_rows(self) -> ContactRows | None:
+    def contact_rows(self) -> ContactRows | None:
         """Rows of the closed contact points at the state in ``data`` without any force along them; None: there are none.
 
         Friction of points that slide is that of the present decision.
         """
-        closed = self._active_set
-        if not closed.contact_points:
+        if not self._closed.contact_points:
             return None
-        rows, modes = closed.solver.evaluator(closed.contact_points).rows(), closed.modes.of(closed.contact_points)
-        J, gamma = rows.J.reshape(len(closed.contact_points), 3, -1), rows.gamma.reshape(-1, 3)
+        rows, modes = (
+            self._closed.solver.evaluator(self._closed.contact_points).rows(),
+            self._closed.modes.of(self._closed.contact_points),
+        )
+        J, gamma = rows.J.reshape(len(self._closed.contact_points), 3, -1), rows.gamma.reshape(-1, 3)
         friction = np.zeros(J.shape[2])
         if modes.any_slides:
-            along = np.einsum("kij,kj->ki", rows.axes[:, 1:], closed.decide().friction)
+            along = np.einsum("kij,kj->ki", rows.axes[:, 1:], self._closed.decide().friction)
             friction += np.einsum("ki,kid->d", along[modes.slides], J[modes.slides, 1:])
         sticks = modes.drifts
         every = np.concatenate((J[:, 0], J[sticks, 1:].reshape(-1, J.shape[2])))
@@ -521,7 +520,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
     def act(self, instant: EventTime) -> EventEffect | None:
         """Log a contact that begins, ends or changes; a closed pair that touches at another point has an impact."""
         # Another point of a closed pair lands at a speed: impulses at that point act on those that are closed, too.
-        if self._landing or self._active_set.touches_elsewhere():
+        if self._landing or self._closed.touches_elsewhere():
             self._landing = False
             return EventEffect((), leaves_to_impacts=True)
         left = self._changes.left_at_once()
@@ -541,6 +540,6 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
     def _drop(self, limits: Sequence[JointLimit]) -> None:
         """Remove limits without a record."""
         for limit in limits:
-            self._active_set.remove(limit)
+            self._closed.remove(limit)
         if limits:
             self._update_activity()

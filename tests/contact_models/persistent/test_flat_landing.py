@@ -8,7 +8,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
-from ffsm_mj.contact_models.persistent import active_set, clearance
+from ffsm_mj.contact_models.persistent import clearance, closed_contacts
 from tests.replays import assert_replayed, proved
 from tests.scenes import HEAD, scene
 
@@ -79,7 +79,7 @@ def test_at_a_fixed_step_only_truncation_is_left(scenario):
 def test_steps_that_ignore_the_tilt_lose_energy(scenario, monkeypatch):
     """Wrong on purpose: one step from a tilt of 2e-6 rad to one of 1e-8 rad loses 7e-8 J, whatever its duration."""
     monkeypatch.setattr(clearance, "_TILT_SHARE", math.inf)
-    monkeypatch.setattr(active_set, "DRIFT_M_S", math.inf)  # the rate of the gap changes as well, later
+    monkeypatch.setattr(closed_contacts, "DRIFT_M_S", math.inf)  # the rate of the gap changes as well, later
     run = ffsm_mj.run(scenario, ["accuracy=1e-9", "duration_s=0.45"])
     residual = {check.name: check.residual for check in all_checks(run, tolerance=1.0) if check.subsystem == "total"}
     assert residual["energy"] > 3e-8

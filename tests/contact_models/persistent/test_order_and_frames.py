@@ -7,7 +7,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
-from ffsm_mj.contact_models.persistent import active_set as closed
+from ffsm_mj.contact_models.persistent import closed_contacts as closed
 from tests.contact_models.persistent.random_pushes import LAWS
 from tests.scenes import HEAD, box, scene
 

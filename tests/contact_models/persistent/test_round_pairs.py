@@ -119,9 +119,9 @@ def test_the_first_of_several_changes_in_a_step_is_found():
         drift = 40.0 * now.time_s**2 * (0.8 - now.time_s)
         return 0.1 - abs(drift)
 
-    active_set = SimpleNamespace(
+    closed_contacts = SimpleNamespace(
         motion=SimpleNamespace(path=path), witness_value=value, touches_elsewhere=lambda: False, note_release=int
     )
-    changed, _ = first_change(active_set, 1.0)
+    changed, _ = first_change(closed_contacts, 1.0)
     assert 40.0 * changed**2 * (0.8 - changed) == pytest.approx(0.1, abs=1e-9)
     assert changed < 0.1

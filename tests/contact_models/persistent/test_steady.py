@@ -10,8 +10,8 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj._core.steady import SteadyContacts
-from ffsm_mj.contact_models.persistent import active_set
-from ffsm_mj.contact_models.persistent.active_set import ForceSolver
+from ffsm_mj.contact_models.persistent import closed_contacts
+from ffsm_mj.contact_models.persistent.closed_contacts import ForceSolver
 from ffsm_mj.tolerances import PROJECTED_SLIP_M_S
 from tests.ticks import in_the_loop
 
@@ -120,7 +120,7 @@ def both(folder, monkeypatch, decided, **scene):
     """Rows with the shortcut and without, and how many problems of forces were set up outside it in the first."""
     with_shortcut = ffsm_mj.run(held(folder / "with", **scene))
     taken = len(decided)
-    monkeypatch.setattr(active_set, "SteadyContacts", NeverSteady)
+    monkeypatch.setattr(closed_contacts, "SteadyContacts", NeverSteady)
     without = ffsm_mj.run(held(folder / "without", **scene))
     assert (with_shortcut.outcome, without.outcome) == ("completed", "completed")
     return with_shortcut.log, without.log, taken
@@ -205,6 +205,6 @@ def nudged(folder, monkeypatch, pad, slip, change=lambda _: lambda: None):
             return super().goes_on(left_s)
 
     in_the_loop(monkeypatch)
-    monkeypatch.setattr(active_set, "SteadyContacts", Nudged)
+    monkeypatch.setattr(closed_contacts, "SteadyContacts", Nudged)
     ffsm_mj.run(held(folder, pad=pad))
     return slips, steady

@@ -6,7 +6,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
-from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
+from ffsm_mj.contact_models.persistent.closed_contacts import ClosedContacts
 from ffsm_mj.replay import replay_log
 from tests.scenes import self_hit, two_balls
 
@@ -49,14 +49,14 @@ def test_right_code_is_good(tmp_path, scene):
 def test_a_forgotten_re_detection_is_noticed(tmp_path, monkeypatch):
     """The face goes on for ever: what is held beyond its edge touches nothing."""
     with monkeypatch.context() as wrong:
-        wrong.setattr(ActiveContactSet, "pairs_outside_feature", lambda _: [])
-        slack = ActiveContactSet.witness_value
+        wrong.setattr(ClosedContacts, "pairs_outside_feature", lambda _: [])
+        slack = ClosedContacts.witness_value
 
         def blind(self, **exact):
             rows = self.decide().rows if self.contact_points else None
             return slack(self, **exact) if rows is None or min(at.inside for at in rows.states) > 0.0 else 1.0
 
-        wrong.setattr(ActiveContactSet, "witness_value", blind)
+        wrong.setattr(ClosedContacts, "witness_value", blind)
         run = ffsm_mj.run(slid(tmp_path))
     assert not run.records["contact_changes"]
     assert "contact complementarity" in judged(run)

@@ -86,9 +86,9 @@ class Decision:
         return self.evaluation.rounding
 
     @cached_property
-    def _sticking(self) -> Solution | None:
+    def _settled(self) -> Solution | None:
         """The solution if all points stick, and go on to do so without redistributing their forces."""
-        return None if self._released or self._struck else self.evaluation.sticking()
+        return None if self._released or self._struck else self.evaluation.settled()
 
     @cached_property
     def _choice(self) -> ModeChoice:
@@ -137,8 +137,8 @@ class Decision:
         Raises:
             RunEnded: No modes satisfy Coulomb's conditions, or none were found.
         """
-        if self._sticking is not None:
-            return self._sticking
+        if self._settled is not None:
+            return self._settled
         try:
             return self._choice.choose()
         except NoModesError:
@@ -178,8 +178,8 @@ class Decision:
     @cached_property
     def _shared(self) -> FloatArray:
         """Forces (n, t1, t2) of all points, those of sticking points inside their cones, N, (k, 3)."""
-        if self._sticking is not None:
-            return self._sticking.forces
+        if self._settled is not None:
+            return self._settled.forces
         return shares_in_cones(self.problem, self.solution.forces, (self.kinds == STICK).nonzero()[0])
 
     @cached_property
@@ -209,7 +209,7 @@ class Decision:
 
     def leaving(self) -> tuple[ContactPoint, ...]:
         """Contact points whose gap opens, in the order of ``contact_points``."""
-        if self.sticks:
+        if self.is_settled:
             return ()
         opening = self.solution.accelerations[:, 0].tolist()
         rates = zip(self.contact_points, opening, self.rounding.tolist(), strict=True)
@@ -225,8 +225,8 @@ class Decision:
     def _in_present_modes(self) -> tuple[Solution, float]:
         """Solution in the modes of the step, and least slip of sliding points along their direction at its start, m/s."""
         modes = self.evaluation.modes
-        if self._sticking is not None:
-            return self._sticking, np.inf
+        if self._settled is not None:
+            return self._settled, np.inf
         if not modes.any_slides:
             return self._choice.evaluate(np.maximum(modes.kinds, 0), modes.no_slips), np.inf
         directions, forward = slip_directions(self.problem, self.rows.slips, self._at_start, modes.slides, modes.straight)
@@ -240,15 +240,15 @@ class Decision:
         """
         solution, forward = self._in_present_modes
         valid = min(solution.exact if exact else solution.validity, forward + _REVERSED_M_S)
-        if self.sticks or not (closed := solution.kinds == CLOSED).any():
+        if self.is_settled or not (closed := solution.kinds == CLOSED).any():
             return valid
         # Points that open at the start of a step have been removed: those without force stay in touch within it.
         return min(valid, float((OPENS * self.rounding - solution.accelerations[:, 0])[closed].min()))
 
     @property
-    def sticks(self) -> bool:
+    def is_settled(self) -> bool:
         """Whether all points stick, and go on to do so without redistributing their forces: all carry force."""
-        return self._sticking is not None
+        return self._settled is not None
 
     @property
     def turning(self) -> BoolArray:
@@ -276,7 +276,7 @@ class Decision:
     def changed_by(self, forces: FloatArray) -> Decision:
         """The same modes with the forces changed by (n, t1, t2), N, (k, 3)."""
         other = Decision(self.evaluation, self._modes)
-        other._sticking, other.solution = None, self.solution._replace(forces=self.solution.forces + forces)
+        other._settled, other.solution = None, self.solution._replace(forces=self.solution.forces + forces)
         return other
 
     @property
@@ -320,7 +320,7 @@ def step_rule(decision: Decision, last: Layers | None, left_s: float, time_s: fl
         time_s: Time at the start of the step.
         efforts: Efforts in it, bit by bit.
     """
-    if decision.sticks or not (slides := decision.turning).any():
+    if decision.is_settled or not (slides := decision.turning).any():
         return StepRule(left_s)
     problem, solution = decision.problem, decision.solution
     u, d = decision.rows.slips[slides], solution.directions[slides]

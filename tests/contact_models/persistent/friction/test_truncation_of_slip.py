@@ -8,7 +8,7 @@ import pytest
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.cli.main import main
-from ffsm_mj.contact_models.persistent import active_set
+from ffsm_mj.contact_models.persistent import closed_contacts
 from ffsm_mj.replay import explain, replay_log
 from ffsm_mj.replay.truncation import AnalysisLimits, analyze_truncation
 from tests.contact_models.persistent.friction.reading import sticks
@@ -84,7 +84,7 @@ def test_steps_that_are_tried_leave_the_replay_as_it_is(tmp_path):
 @pytest.mark.long
 def test_a_leak_of_heat_is_no_truncation(tmp_path, monkeypatch):
     """Heat that is wrong by 1e-7 of itself, more than the check allows; half the step leaves it as it is."""
-    honest = active_set.stage_of
+    honest = closed_contacts.stage_of
 
     def stage_of(*given):
         stage, generalised = honest(*given)
@@ -92,7 +92,7 @@ def test_a_leak_of_heat_is_no_truncation(tmp_path, monkeypatch):
             stage.slide.heat[:] *= 1.0 + 1e-7
         return stage, generalised
 
-    monkeypatch.setattr(active_set, "stage_of", stage_of)
+    monkeypatch.setattr(closed_contacts, "stage_of", stage_of)
     path = rubbed(223, tmp_path)
     run = ffsm_mj.run(path, controllers=LAWS)
     (heat,) = [check for check in explain(run, limits=AnalysisLimits()).checks if check.name == "heat of sliding"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.contact_models.persistent import active_set
+from ffsm_mj.contact_models.persistent import closed_contacts
 from ffsm_mj.contact_models.persistent.friction import choice
 from ffsm_mj.contact_models.persistent.friction.modes import SLIDE, STICK
 from tests.contact_models.persistent.friction import test_closed_forms as closed_forms
@@ -34,8 +34,10 @@ def freed_one_at_a_time(monkeypatch):
 
 def explicit_stages(monkeypatch):
     """All stages are explicit, however fast friction turns the slip."""
-    right = active_set.step_rule
-    monkeypatch.setattr(active_set, "step_rule", lambda *given: right(*given)._replace(limit_s=given[2], implicit=False))
+    right = closed_contacts.step_rule
+    monkeypatch.setattr(
+        closed_contacts, "step_rule", lambda *given: right(*given)._replace(limit_s=given[2], implicit=False)
+    )
 
 
 def sliding_block(tmp_path):

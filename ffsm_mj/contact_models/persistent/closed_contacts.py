@@ -267,7 +267,7 @@ class ForceSolver:
         return known
 
 
-class ActiveContactSet:
+class ClosedContacts:
     """Closed contacts and joints at limits of a motion, and the active set among them.
 
     Attributes:
@@ -460,7 +460,7 @@ class ActiveContactSet:
     def update_pressing(self) -> None:
         """Set the active set to the contact points that carry force at the state in ``data``."""
         decision = self.decide() if self.contact_points else None
-        if decision is None or decision.sticks:
+        if decision is None or decision.is_settled:
             pressing = self.contact_points
         else:
             pressing = tuple([decision.contact_points[i] for i in decision.pressing])
@@ -492,7 +492,7 @@ class ActiveContactSet:
         self.solver.flat = frozenset(pair for pair, points in count_of.items() if points >= _PATCH_POINTS)
         self._tilts.set_points(pressing)
 
-    def step_limit(self, left_s: float) -> float:
+    def plan_step(self, left_s: float) -> float:
         """Longest (sub-)step from the state in ``data``, s; sets whether its stages are implicit.
 
         Args:
@@ -544,7 +544,7 @@ class ActiveContactSet:
         if not self.contact_points or not all(self.by_pair.values()):
             return False
         decision = self.decide()
-        if not decision.sticks or decision.rows.extremes.inside < -FEATURE_BOUND_M:
+        if not decision.is_settled or decision.rows.extremes.inside < -FEATURE_BOUND_M:
             return False
         return self._clearance_elsewhere(decision) >= 0.0 and self._tilts.least_rise() >= 0.0
 
