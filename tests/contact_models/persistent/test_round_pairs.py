@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.contact_models.interface import first_root
 from ffsm_mj.contact_models.persistent.model import first_change
 from tests.contact_models.persistent.random_pushes import drawn
 from tests.contact_models.persistent.test_random_pushes import wrong
@@ -110,6 +111,12 @@ def test_random_pushes_of_round_bodies(tmp_path, seed):
     assert wrong(drawn(np.random.default_rng(seed), tmp_path, kinds=("cylinder", "ellipsoid"))) == []
 
 
+def test_the_first_of_three_roots_is_found():
+    """The middle of the way to the last one is between the others, where the function is positive again."""
+    root = first_root(lambda time_s: -(time_s - 0.2) * (time_s - 0.3) * (time_s - 0.9), 1.0)
+    assert root == pytest.approx(0.2, abs=1e-13)
+
+
 def test_the_first_of_several_changes_in_a_step_is_found():
     """A gap that drifts out of its bound, and crosses it again on its way to the other side."""
     now = SimpleNamespace(time_s=0.0)
@@ -122,6 +129,6 @@ def test_the_first_of_several_changes_in_a_step_is_found():
     closed_contacts = SimpleNamespace(
         motion=SimpleNamespace(path=path), witness_value=value, touches_elsewhere=lambda: False, note_release=int
     )
-    changed, _ = first_change(closed_contacts, 1.0)
+    changed, _ = first_change(closed_contacts, (1.0,))
     assert 40.0 * changed**2 * (0.8 - changed) == pytest.approx(0.1, abs=1e-9)
     assert changed < 0.1
