@@ -55,7 +55,7 @@ class ModelResults:
 
         Args:
             digest: Digest of its rows, the same at each call.
-            tolerance: See :func:`ffsm_mj.verification.checks.evaluate_checks`.
+            tolerance: See :func:`ffsm_mj.verification.checks.tolerances`.
 
         Raises:
             KeyError: A tolerance for an unknown check.
@@ -295,7 +295,7 @@ class Run:
         fails here, if that is in question.
 
         Args:
-            tolerance: See :func:`ffsm_mj.verification.checks.evaluate_checks`.
+            tolerance: See :func:`ffsm_mj.verification.checks.tolerances`.
 
         Raises:
             KeyError: A tolerance for an unknown check.

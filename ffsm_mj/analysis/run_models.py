@@ -46,7 +46,7 @@ def all_checks(run: Run, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Chec
 
     Args:
         run: The run.
-        tolerance: See :func:`ffsm_mj.verification.checks.evaluate_checks`.
+        tolerance: See :func:`ffsm_mj.verification.checks.tolerances`.
 
     Raises:
         KeyError: A tolerance for an unknown check.

@@ -24,10 +24,10 @@ from ffsm_mj.assembly.recorded_files import RecordedFiles, resolved_data
 from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.errors import LogWriteError
 from ffsm_mj.log.mcap.reader import stored_rows
-from ffsm_mj.log.mcap.sink import file_sinks
+from ffsm_mj.log.mcap.sink import McapSink
 from ffsm_mj.log.recorder import RECORDED_ROWS, MemorySink, Recorder, Sink
-from ffsm_mj.log.rerun.viewer import LiveSink
-from ffsm_mj.log.run_folder import RunFolder
+from ffsm_mj.log.rerun.viewer import LiveSink, rust_log
+from ffsm_mj.log.run_folder import RECORDING, RunFolder
 from ffsm_mj.model.mujoco_process import stopped_clock
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Outcome, OutcomeRecord
@@ -284,3 +284,15 @@ def with_run(error: Exception, ended: Ended | None, folder: RunFolder | None) ->
     if folder is not None:
         error.add_note(f"log of the run: {folder.log}")
     return error
+
+
+def file_sinks(folder: RunFolder, header: RunHeader, system: System, *, with_rerun: bool, view_rate_hz: float) -> list[Sink]:
+    """Sinks that write a run into a folder: its log (opening it creates the folder) and optionally its recording."""
+    sinks: list[Sink] = [McapSink(lambda opening: folder.take(opening, header), system, view_rate_hz)]
+    if with_rerun:
+        # Rerun reports an error at the end of its file, such as a full disk, on stderr only.
+        with rust_log("error"):
+            from ffsm_mj.log.rerun.sink import RerunSink  # importing it takes a second
+
+        sinks.append(RerunSink(lambda: folder.path / RECORDING, system, view_rate_hz))
+    return sinks

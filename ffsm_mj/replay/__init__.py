@@ -86,7 +86,7 @@ def explain(
     Args:
         run: The run.
         checks: Its checks at ``tolerance``, if they are known already, as from :func:`replay_log`; None: computed.
-        tolerance: See :func:`ffsm_mj.verification.checks.evaluate_checks`.
+        tolerance: See :func:`ffsm_mj.verification.checks.tolerances`.
         limits: What ends the analysis early; None: the wall time of the run itself, 20 s at least.
         log: Returns the log with all rows, for a run that does not keep them; None: ``run.log`` has them.
 

@@ -188,11 +188,15 @@ class CheckAccumulator:
         tolerance: Tolerance = DEFAULT_TOLERANCE,
         friction: FrictionCheck | None = None,
     ) -> tuple[Check, ...]:
-        """Results of all checks of the run, with the worst residual of each; empty without rows.
+        """Results of the checks of the rows and records of a run, with the worst residual of each; empty without rows.
+
+        They are arithmetic: those that need the models are added by
+        :class:`ffsm_mj.verification.model_checks.ModelChecks`. If the scenario is not conservative, conservation is not
+        checked; impacts and penetration are.
 
         Args:
             impacts: Records of the impacts of the run, in order: contacts and joints at their limits.
-            tolerance: See :func:`evaluate_checks`.
+            tolerance: See :func:`tolerances`.
             friction: Checks impacts with friction by the models; None: they are checked by their records alone.
 
         Raises:
@@ -222,22 +226,6 @@ class CheckAccumulator:
         return (*checks, *impact_checks(impacts, allowed, friction))
 
 
-def evaluate_checks(log: RunLog, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Check, ...]:
-    """Results of the checks of the rows and records of a run, with the worst residual of each; empty without rows.
-
-    They are arithmetic: those that need the models are added by :class:`ffsm_mj.verification.model_checks.ModelChecks`. If
-    the scenario is not conservative, conservation is not checked; impacts and penetration are.
-
-    Args:
-        log: A run.
-        tolerance: Allowed residual over (1 + scale); for ``no penetration`` a depth in m, by name only.
-
-    Raises:
-        KeyError: A tolerance for an unknown check.
-    """
-    return accumulate_checks(log).checks(log.impact_records, tolerance)
-
-
 def accumulate_checks(log: RunLog) -> CheckAccumulator:
     """Process all rows of a log."""
     seen = CheckAccumulator(log.header.layout, log.header.metadata)
@@ -247,7 +235,10 @@ def accumulate_checks(log: RunLog) -> CheckAccumulator:
 
 
 def tolerances(tolerance: Tolerance) -> dict[str, float]:
-    """The tolerance of each check; see :func:`evaluate_checks`.
+    """The tolerance of each check.
+
+    Args:
+        tolerance: Allowed residual over (1 + scale); for ``no penetration`` a depth in m, by name only.
 
     Raises:
         KeyError: A tolerance for an unknown check.

@@ -56,7 +56,7 @@ class ModelChecks:
 
         Args:
             rows: Checks of the rows.
-            tolerance: See :func:`ffsm_mj.verification.checks.evaluate_checks`.
+            tolerance: See :func:`ffsm_mj.verification.checks.tolerances`.
 
         Raises:
             KeyError: A tolerance for an unknown check.
@@ -189,7 +189,7 @@ class ReplayResult:
         """All checks from the recomputed values, or from the logged values if the log could not be replayed.
 
         Args:
-            tolerance: See :func:`ffsm_mj.verification.checks.evaluate_checks`.
+            tolerance: See :func:`ffsm_mj.verification.checks.tolerances`.
         """
         checks = self._models.all_checks(self.accumulator, tolerance)
         # If what the log says of itself may be damaged, a check that fails says nothing of the run.

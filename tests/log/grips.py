@@ -9,7 +9,7 @@ import numpy as np
 
 import ffsm_mj
 from ffsm_mj.analysis.run import Run
-from ffsm_mj.log.mcap.sink import file_sinks
+from ffsm_mj.assembly.run import file_sinks
 from ffsm_mj.log.recorder import MemorySink
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.log.scenario import compile_log

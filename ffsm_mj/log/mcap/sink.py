@@ -1,12 +1,13 @@
-"""Sinks that write the files of a run while it runs: ``run.mcap.partial``, readable after a kill, and ``run.rrd``."""
+"""Sink that writes the log of a run while it runs: ``run.mcap.partial``, readable after a kill."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
+from functools import wraps
 from io import BytesIO
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Concatenate, ParamSpec
 
 import numpy as np
 import numpy.typing as npt
@@ -21,8 +22,7 @@ from ffsm_mj.log.foxglove import Packet, ViewerTopics, descriptor_set
 from ffsm_mj.log.mcap import format as form
 from ffsm_mj.log.mcap.format import encode_record, nanoseconds, record_schema
 from ffsm_mj.log.recorder import Sink
-from ffsm_mj.log.rerun.viewer import rust_log
-from ffsm_mj.log.run_folder import RECORDING, PartialFile, RunFolder
+from ffsm_mj.log.run_folder import PartialFile
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.kinds import kind_of, kinds_of
@@ -97,6 +97,23 @@ class BlockWriter(Writer):
         statistics.message_count += len(times)
 
 
+_Given = ParamSpec("_Given")
+
+
+def _writes(method: Callable[Concatenate[McapSink, _Given], None]) -> Callable[Concatenate[McapSink, _Given], None]:
+    """Method that writes to a log: it does nothing after a write that failed."""
+
+    @wraps(method)
+    def writes(sink: McapSink, /, *given: _Given.args, **named: _Given.kwargs) -> None:
+        if not sink.is_broken:
+            try:
+                method(sink, *given, **named)
+            except OSError as error:
+                raise sink.break_off(error) from error
+
+    return writes
+
+
 _MEDIA_TYPES = {".yaml": "application/yaml", ".xml": "application/xml", ".urdf": "application/xml"}
 
 
@@ -114,7 +131,7 @@ class McapSink(Sink):
         self._take = take
         self._file: PartialFile | None = None
         self._viewer = ViewerTopics(system, view_rate_hz)
-        self._broken = False
+        self.is_broken = False
 
     def open(self, header: RunHeader) -> None:
         """Write metadata, signals, scenario and models, which every readable log needs.
@@ -162,29 +179,24 @@ class McapSink(Sink):
         number = self._writer.register_schema(name, "protobuf", schema)
         return self._writer.register_channel(topic, "protobuf", number, metadata)
 
+    @_writes
     def rows(self, block: FloatArray) -> None:
         """Write one sample per row, and the messages for viewers."""
-        with self._writing() as writable:
-            if writable:
-                times = np.rint(block[:, self._time_column] * 1e9).astype(np.int64)
-                self._put((form.SAMPLE_TOPIC, times, self._codec.encode(block)), *self._viewer.rows(block))
+        times = np.rint(block[:, self._time_column] * 1e9).astype(np.int64)
+        self._put((form.SAMPLE_TOPIC, times, self._codec.encode(block)), *self._viewer.rows(block))
 
+    @_writes
     def state(self, time_s: float, state: bytes) -> None:
         """Write a state of the simulation at its time; its channel is registered with the first one."""
-        with self._writing() as writable:
-            if writable:
-                if form.STATE_TOPIC not in self._channels:
-                    self._channels[form.STATE_TOPIC] = self._writer.register_channel(
-                        form.STATE_TOPIC, form.STATE_ENCODING, 0
-                    )
-                time = nanoseconds(time_s)
-                self._writer.add_message(self._channels[form.STATE_TOPIC], log_time=time, data=state, publish_time=time)
+        if form.STATE_TOPIC not in self._channels:
+            self._channels[form.STATE_TOPIC] = self._writer.register_channel(form.STATE_TOPIC, form.STATE_ENCODING, 0)
+        time = nanoseconds(time_s)
+        self._writer.add_message(self._channels[form.STATE_TOPIC], log_time=time, data=state, publish_time=time)
 
+    @_writes
     def event(self, event: Event) -> None:
         """Write an event at its time."""
-        with self._writing() as writable:
-            if writable:
-                self._record(event)
+        self._record(event)
 
     def _record(self, event: Event | OutcomeRecord) -> None:
         kind = kind_of(event)
@@ -196,50 +208,33 @@ class McapSink(Sink):
         for topic, times, messages in packets:
             self._writer.add_block(self._channels[topic], times, messages)
 
+    @_writes
     def flush(self) -> None:
         """Finish the chunk and pass everything to the operating system."""
-        with self._writing() as writable:
-            if writable:
-                self._writer.flush()  # type: ignore[no-untyped-call]
+        self._writer.flush()  # type: ignore[no-untyped-call]
 
+    @_writes
     def close(self, outcome: OutcomeRecord | None) -> None:
         """Write the outcome, the index and the footer, and rename the file to its final name."""
-        with self._writing() as writable:
-            if not writable or self._file is None:
-                return
-            try:
-                if outcome is not None:
-                    self._record(outcome)
-            finally:  # if the outcome cannot be written, the file is complete except for it
-                self._writer.finish()  # type: ignore[no-untyped-call]
-                if outcome is not None:
-                    self._file.finish()
-                else:
-                    self._file.stream.close()
+        if self._file is None:
+            return
+        try:
+            if outcome is not None:
+                self._record(outcome)
+        finally:  # if the outcome cannot be written, the file is complete except for it
+            self._writer.finish()  # type: ignore[no-untyped-call]
+            if outcome is not None:
+                self._file.finish()
+            else:
+                self._file.stream.close()
 
-    @contextmanager
-    def _writing(self) -> Iterator[bool]:
-        """Yield whether the file can be written; convert an error to one that names the log, and write nothing after it.
+    def break_off(self, error: OSError) -> LogWriteError:
+        """Write nothing any more; returns the error that names the log.
 
         Everything flushed before remains readable; the reader skips an incomplete chunk at the end.
         """
-        try:
-            yield not self._broken
-        except OSError as error:
-            self._broken = True
-            assert self._file is not None
-            with suppress(OSError):
-                self._file.stream.close()
-            raise LogWriteError(self._file.partial, error) from error
-
-
-def file_sinks(folder: RunFolder, header: RunHeader, system: System, *, with_rerun: bool, view_rate_hz: float) -> list[Sink]:
-    """Sinks that write a run into a folder: its log (opening it creates the folder) and optionally its recording."""
-    sinks: list[Sink] = [McapSink(lambda opening: folder.take(opening, header), system, view_rate_hz)]
-    if with_rerun:
-        # Rerun reports an error at the end of its file, such as a full disk, on stderr only.
-        with rust_log("error"):
-            from ffsm_mj.log.rerun.sink import RerunSink  # importing it takes a second
-
-        sinks.append(RerunSink(lambda: folder.path / RECORDING, system, view_rate_hz))
-    return sinks
+        assert self._file is not None
+        self.is_broken = True
+        with suppress(OSError):
+            self._file.stream.close()
+        return LogWriteError(self._file.partial, error)

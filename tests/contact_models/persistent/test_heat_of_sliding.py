@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.analysis.run import Run
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.replay import replay_log
-from ffsm_mj.verification.checks import evaluate_checks
 from tests.contact_models.persistent.test_friction_seen import SLIPS, T_STOP, U0, on_floor
 from tests.replays import proved
 
@@ -55,7 +55,7 @@ def test_heat_that_is_not_the_energy_lost_fails_the_check(rolled, factor):
     rows = np.array(log.rows)
     rows[:, log.header.layout.index[HEAT]] *= factor
     falsified = replace(log, rows=rows)
-    assert "heat of sliding" in {name for name, _ in failures(evaluate_checks(falsified))}
+    assert "heat of sliding" in {name for name, _ in failures(Run(falsified).checks())}
     again = replay_log(falsified)
     assert not again.agrees
     assert {name for name, _ in failures(again.checks())} == {
@@ -69,7 +69,7 @@ def test_heat_that_falls_fails_the_check(rolled):
     heat, work = (log.header.layout.index[key] for key in (HEAT, WORK))
     rows[30:, heat] -= 1e-4
     rows[30:, work] += 1e-4
-    assert failures(evaluate_checks(replace(log, rows=rows))) >= {("heat of sliding", "fall")}
+    assert failures(Run(replace(log, rows=rows)).checks()) >= {("heat of sliding", "fall")}
 
 
 def test_sticking_gives_no_heat(tmp_path):
