@@ -8,16 +8,14 @@ from copy import deepcopy
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ffsm_mj.analysis.comparison import Comparison, compare_logs
 from ffsm_mj.analysis.digest import Digest, digest
 from ffsm_mj.analysis.effort import Effort
 from ffsm_mj.analysis.intervals import ContactInterval, GraspInterval
 from ffsm_mj.analysis.summary import card_html, card_text, missing, summarise, tip_error
-from ffsm_mj.analysis.tables import CHECKS_TABLE, Table, checks_table, table
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import InputError, LogError, unknown_name
 from ffsm_mj.log.mcap.reader import KEPT_BYTES, read_log
@@ -31,6 +29,10 @@ from ffsm_mj.verification.check_result import Check
 from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, Tolerance
 from ffsm_mj.verification.impact_checks import Models
 from ffsm_mj.verification.model_checks import ModelChecks
+
+if TYPE_CHECKING:
+    from ffsm_mj.analysis.comparison import Comparison
+    from ffsm_mj.analysis.tables import Table
 
 
 class ModelResults:
@@ -318,6 +320,8 @@ class Run:
         Raises:
             KeyError: No such table.
         """
+        from ffsm_mj.analysis.tables import CHECKS_TABLE, checks_table, table
+
         return checks_table(self.checks()) if name == CHECKS_TABLE else table(self.log, name, lambda: self.digest)
 
     def to_pandas(self, name: str = "samples") -> Any:
@@ -351,6 +355,8 @@ class Run:
 
 def compare(a: Run, b: Run) -> Comparison:
     """Compare two runs: scenario, models, impacts, and every signal at their common times."""
+    from ffsm_mj.analysis.comparison import compare_logs
+
     return compare_logs(a.log, b.log)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -42,7 +42,6 @@ from ffsm_mj.records.metadata import orbit_metadata
 from ffsm_mj.records.run_kinds import EFFORT_CHANGE
 from ffsm_mj.scenario.environment import EnvironmentConfig
 from ffsm_mj.scenario.scenario import ScenarioConfig
-from ffsm_mj.sensing.sampler import SensorSampler
 from ffsm_mj.sensing.sensor import sensors_of
 from ffsm_mj.simulation.control_timing import ControlTiming, DelayedControl, command_delays_s
 from ffsm_mj.simulation.fields import ExternalFields, bodies_of
@@ -52,6 +51,9 @@ from ffsm_mj.simulation.plant import Plant, StateSignals
 from ffsm_mj.simulation.step_control import MOST_PARTS, StepControl
 from ffsm_mj.tolerances import DAMPER_STEP, EPSILON, MODE_STEP, RESOLVED_STEP, STIFF_STEP
 from ffsm_mj.verification.residuals import STRETCH_STEPS
+
+if TYPE_CHECKING:
+    from ffsm_mj.sensing.sampler import SensorSampler
 
 _SHARE = 0.5
 """Of what a check allows, for the largest of a step's errors of energy, P and L of the robot, and of the objects, together.
@@ -394,6 +396,8 @@ def _sampler(
     sensors = sensors_of(scene.system, scenario.sensors, scenario.control_period_s, scenario.duration_s)
     if not sensors:
         return None
+    from ffsm_mj.sensing.sampler import SensorSampler
+
     return SensorSampler(
         sensors,
         scene.system,

@@ -16,7 +16,6 @@ from pydantic import Field, PrivateAttr
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.assembly.assemble import Assembly, CompiledScenario
 from ffsm_mj.assembly.models import Reader, compile_scenario
-from ffsm_mj.assembly.notes import describe, notes
 from ffsm_mj.assembly.origin import Origin, origin_of, refuse_changes, with_initial_state
 from ffsm_mj.assembly.recorded_files import recorded_files, with_waypoints
 from ffsm_mj.assembly.run import simulate
@@ -465,10 +464,14 @@ class PreparedRun(CompiledScenario):
 
     def notes(self) -> list[str]:
         """What a user should know about the scenario before it runs, one line each."""
+        from ffsm_mj.assembly.notes import notes
+
         return self._looked_at(notes)
 
     def describe(self) -> list[str]:
         """Lines of text that describe the run, with notes."""
+        from ffsm_mj.assembly.notes import describe
+
         return self._looked_at(describe)
 
     def _looked_at(self, look: Callable[[Assembly], list[str]]) -> list[str]:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
@@ -24,10 +24,12 @@ from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.contact_forces import Wrench
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.signals import Signal, coordinate_names, rate_names, unit_of
-from ffsm_mj.sensing.sampler import SensorSampler
 from ffsm_mj.simulation.control_timing import DelayedControl
 from ffsm_mj.simulation.integrator import EventDrivenIntegrator
 from ffsm_mj.state import entries, fitting
+
+if TYPE_CHECKING:
+    from ffsm_mj.sensing.sampler import SensorSampler
 
 
 class StateSignals:
