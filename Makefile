@@ -34,9 +34,9 @@ validate:    ## regenerate the pages of validation, the seed paper's included: s
 	uv run ffsm validate --page docs
 engines:     ## docs/engines.md from runs of other engines, in an environment of their own (1.5 GB); half an hour
 	UV_PROJECT_ENVIRONMENT=build/engines uv run --no-dev --group engines python benchmarks/engines.py
-campaign:    ## docs/campaign.md and its first rows: 1024 runs, some ten minutes on two processors
+campaign:    ## docs/campaign-example.md and its first rows: 1024 runs, some ten minutes on two processors
 	uv run ffsm campaign run baseline-dispersed --out logs/campaign-baseline-dispersed
-	uv run ffsm campaign report logs/campaign-baseline-dispersed --page docs/campaign.md
+	uv run ffsm campaign report logs/campaign-baseline-dispersed --page docs/campaign-example.md
 	head -9 logs/campaign-baseline-dispersed/results.csv > docs/campaign-rows.csv
 variants:    ## the figure of docs/variants.md: 64 runs, a minute on two processors
 	uv run ffsm campaign run laws-after-impact --out logs/campaign-laws-after-impact

@@ -11,6 +11,7 @@ lose positions, and expand aliases of aliases until memory is exhausted.
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
@@ -345,10 +346,20 @@ def _shown(tag: str) -> str:
 
 def write_yaml(data: Any) -> str:
     """YAML text of plain data; the order of keys is kept."""
+    return _written(data, None, 100)
+
+
+def write_flow(data: Any) -> str:
+    """YAML text of plain data on one line."""
+    # A scalar alone would be followed by a mark of the end of the document.
+    return _written([data], True, sys.maxsize)[1:-2]
+
+
+def _written(data: Any, flow: bool | None, width: int) -> str:
     yaml = YAML(typ="safe", pure=True)
-    yaml.default_flow_style = None
+    yaml.default_flow_style = flow
     yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
-    yaml.width = 100
+    yaml.width = width
     out = StringIO()
     yaml.dump(data, out)
     return out.getvalue()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pkgutil
 import re
 import runpy
 from pathlib import Path
@@ -124,6 +125,27 @@ def test_links_lead_somewhere(page):
 def test_files_named_by_the_pages_on_the_code_exist(page):
     for name in re.findall(r"`(?:ffsm_mj/)?([\w/]+/\w+\.pyx?)", (ROOT / page).read_text()):
         assert (ROOT / "ffsm_mj" / name).exists() or (ROOT / name).exists(), name
+
+
+def test_names_in_the_architecture_exist():
+    """``analysis.run.Run``: a name in a package of ``ffsm_mj``."""
+    text = (ROOT / "docs" / "architecture.md").read_text()
+    names = [name for name in re.findall(r"`([a-z]\w*(?:\.\w+)+)`", text) if not re.search(r"\.(pyx?|toml|json)$", name)]
+    assert len(names) > 5
+    for name in names:
+        pkgutil.resolve_name(f"ffsm_mj.{name}")
+
+
+def test_functions_in_the_lists_of_calls_are_in_their_files():
+    """``2. `cli/run.py`: `run` ``, and of a class ``Driver.drive``."""
+    text = (ROOT / "docs" / "architecture.md").read_text()
+    lines = re.findall(r"^\d+\. `([\w/]+\.py)`(.*)$", text, flags=re.MULTILINE)
+    assert len(lines) > 12
+    for file, rest in lines:
+        source = (ROOT / "ffsm_mj" / file).read_text()
+        for name in re.findall(r"`([\w.]+)`", rest.partition(":")[2].partition(" of `")[0]):
+            for part in name.split("."):
+                assert re.search(rf"^ *(def|class) {part}\b", source, flags=re.MULTILINE), (file, name)
 
 
 def test_pages_install_from_a_checkout():

@@ -12,6 +12,7 @@ from ffsm_mj.cli.standard_streams import Output, complain
 from ffsm_mj.errors import InputError, one_line, working_on
 from ffsm_mj.experiments.campaign import Campaign
 from ffsm_mj.experiments.driver import EngineLostError
+from ffsm_mj.experiments.folder import RERUNS
 from ffsm_mj.experiments.metrics import NO_CLASSES, ScriptClasses, read_metrics
 from ffsm_mj.experiments.planning import VariantsPlan, load_campaign
 from ffsm_mj.experiments.results import Status
@@ -83,18 +84,15 @@ def _make(campaign: Campaign, options: argparse.Namespace, output: Output, stage
         raise
     _say_results(campaign, status, output)
     if status.stopped:
-        complain(
-            f"{status.stopped}; to continue anyway, raise the limit: {command('campaign', 'run')} -s limits.max_failed=1 ..."
-        )
+        complain(f"{status.stopped}; {_how_to_continue(options, folder)}")
         return RUN_FAILED
     if status.enough:
         output.say(f"ended early: {status.enough}")
-    for part in campaign.variants.values() or [campaign]:
-        _keep(part, output, stage)
+    codes = [_write_logs(part, output, stage) for part in campaign.variants.values() or [campaign]]
     output.say(f"report: {command('campaign', 'report', folder)}")
     which = ["--variant", next(iter(campaign.variants))] if campaign.variants else []
     output.say(f"repeat a run and write its log: {command('campaign', 'rerun', folder, 0, *which)}")
-    return OK
+    return max(codes)
 
 
 def _continuation(campaign: Campaign, options: argparse.Namespace) -> str:
@@ -106,13 +104,32 @@ def _continuation(campaign: Campaign, options: argparse.Namespace) -> str:
     return command("campaign", "resume", campaign.folder.path)
 
 
-def _keep(campaign: Campaign, output: Output, stage: Stage) -> None:
-    wanted = [index for index in campaign.kept() if not campaign.folder.has_rerun(index)]
-    report = stage("write the logs to keep", "runs")
-    for done, index in enumerate(wanted):
-        output.say(campaign.rerun(index).verdict)
+def _how_to_continue(options: argparse.Namespace, folder: Path) -> str:
+    """How to continue a campaign that was stopped because runs fail."""
+    if options.action != "run":
+        return "to continue anyway, run it again with its file and '-s limits.max_failed=1'"
+    overrides = [word for change in (*options.overrides, "limits.max_failed=1") for word in ("-s", change)]
+    metrics = ["--metrics", options.metrics] if options.metrics else []
+    return f"to continue anyway: {command('campaign', 'run', options.campaign, '--out', folder, *metrics, *overrides)}"
+
+
+def _write_logs(campaign: Campaign, output: Output, stage: Stage) -> int:
+    """Repeat the runs whose logs the campaign file asks for; returns the exit code."""
+    wanted = [index for index in campaign.logs_to_keep() if not campaign.folder.has_rerun(index)]
+    if not wanted:
+        return OK
+    report, different = stage("write the logs to keep", "runs"), 0
+    for done, index in enumerate(wanted, 1):
+        again = campaign.rerun(index)
+        if again.differences:
+            different += 1
+            output.say(f"{campaign.folder.rerun(index)}: {again.verdict}")
         if report is not None:
-            report(done + 1, len(wanted))
+            report(done, len(wanted))
+    count = f"{len(wanted)} run{'s' if len(wanted) > 1 else ''}"
+    verdict = f"{different} of {count} differ from their rows" if different else f"{count}, which agree with their rows"
+    output.say(f"logs kept: {campaign.folder.path / RERUNS} ({verdict})")
+    return RUN_FAILED if different else OK
 
 
 def _status(options: argparse.Namespace, output: Output, _: Stage) -> int:

@@ -369,7 +369,7 @@ class Campaign:
             LogWriteError: The table cannot be written (full disk); earlier rows are kept.
         """
         self._refuse_missing_metrics()
-        local = [name for name, class_ in self._classes.every.items() if not importable(class_)]
+        local = [name for name, class_ in self._classes.every if not importable(class_)]
         if local and executor is None and not dask:
             reason = "cannot be imported by other processes: all runs are executed in this one"
             print(f"{self.config.campaign}: {', '.join(local)} {reason}", file=sys.stderr)
@@ -390,7 +390,8 @@ class Campaign:
                     progress[name] = variant._run(executor, workers, dask, retry, shown)
             return status_of_variants(self.config.campaign, progress)
         with self._writable_table() as store:
-            engine = choose_engine(executor, workers, dask, self._classes.every.values(), self.config.limits.workers)
+            classes = [class_ for _, class_ in self._classes.every]
+            engine = choose_engine(executor, workers, dask, classes, self.config.limits.workers)
             self.design = self.folder.design()  # another process may have extended it
             if retry:
                 store.drop(retry)
@@ -485,7 +486,7 @@ class Campaign:
         folder = self.folder.rerun(index)
         return rerun(self._job(exclusive=False), index, self.design.overrides(index), folder, row, same_settings=same)
 
-    def kept(self) -> list[int]:
+    def logs_to_keep(self) -> list[int]:
         """Indices of the runs whose logs the campaign file asks for."""
         return runs_to_keep(self.rows(), self.config.keep)
 

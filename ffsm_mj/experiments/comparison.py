@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -12,7 +11,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import InputError
 from ffsm_mj.experiments.results import GOOD, SUCCESS, VariantResults, finite, numbers, passed
-from ffsm_mj.experiments.statistics import CONFIDENCE, Proportion, mean_text
+from ffsm_mj.experiments.statistics import Proportion, mean_interval, mean_text
 from ffsm_mj.report.markdown import percent
 
 LEAST_RUNS = 6
@@ -20,8 +19,6 @@ LEAST_RUNS = 6
 the sign test, 2^(1 - n), is above 1 - CONFIDENCE for fewer."""
 _MOST_PAIRS = 3
 """Pairs of variants whose differences are told: more are in a table only."""
-_RESAMPLES = 10_000
-_BLOCK = 500
 _ROUNDING = 1e-12
 
 
@@ -99,31 +96,9 @@ def paired_difference(metric: str, first: FloatArray, second: FloatArray) -> Pai
     apart = second - first
     # Rounding of another processor is no difference.
     apart[np.abs(apart) <= _ROUNDING * np.maximum(np.abs(first), np.abs(second))] = 0.0
-    low, high = bootstrap_interval(apart)
+    low, high = mean_interval(apart)
     means = float(first.mean()), float(second.mean()), float(apart.mean())
     return PairedDifference(metric, len(apart), *means, low, high, int((apart < 0.0).sum()), int((apart > 0.0).sum()))
-
-
-def bootstrap_interval(values: FloatArray) -> tuple[float, float]:
-    """Bias-corrected and accelerated interval of a mean at the level CONFIDENCE (Efron 1987); NaN below two values.
-
-    The resamples have a seed of their own: the same values give the same interval. It is expanded as that of a normal sample
-    is by Student's distribution and the unbiased variance (Hesterberg 2015, The American Statistician 69(4):371), without
-    which intervals of few values are too narrow: some 92 % of those of 16 values contain the mean, not 95 %.
-    """
-    n = len(values)
-    if n < 2:
-        return float("nan"), float("nan")
-    if np.ptp(values) == 0.0:
-        return float(values[0]), float(values[0])
-    from scipy.stats import bootstrap, norm, t  # slow to import
-
-    tail = norm.sf(math.sqrt(n / (n - 1.0)) * t.ppf(0.5 * (1.0 + CONFIDENCE), n - 1))
-    level = 1.0 - 2.0 * max(float(tail), 1.0 / _RESAMPLES)
-    random = np.random.default_rng(0)
-    resampled = bootstrap((values,), np.mean, n_resamples=_RESAMPLES, batch=_BLOCK, confidence_level=level, rng=random)
-    low, high = resampled.confidence_interval
-    return float(low), float(high)
 
 
 @dataclass(frozen=True)

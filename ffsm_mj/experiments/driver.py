@@ -15,7 +15,7 @@ from ffsm_mj.errors import FfsmError, InputError, described
 from ffsm_mj.experiments.engines import Engine, WorkerLostError
 from ffsm_mj.experiments.file import CampaignFile
 from ffsm_mj.experiments.results import Results
-from ffsm_mj.experiments.statistics import narrow_enough
+from ffsm_mj.experiments.statistics import latest_interval
 from ffsm_mj.experiments.store import CRASHED, TIMEOUT, RunRow
 from ffsm_mj.experiments.worker import Job, PlannedRun, execute_runs, probe
 
@@ -77,9 +77,10 @@ class StoppingRule:
         if stop is None or power <= self._evaluated_at:
             return ""
         self._evaluated_at = power
-        if not narrow_enough(self._results(), stop.metric, stop.width):
+        interval = latest_interval(self._results(), stop.metric)
+        if interval is None or interval.width is None or interval.width > stop.width:
             return ""
-        return f"the 95 % interval of {stop.metric} is narrower than {stop.width:g} after {power} runs"
+        return f"the 95 % interval of {stop.metric} is narrower than {stop.width:g} after {interval.runs} runs"
 
 
 _LOOK_S = 0.2

@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.experiments.comparison import VariantComparison, VariantPair, bootstrap_interval
+from ffsm_mj.experiments.comparison import VariantComparison, VariantPair
 from ffsm_mj.experiments.file import ParetoConfig
 from ffsm_mj.experiments.results import GOOD, SUCCESS, Results, VariantResults, finite, numbers, passed
-from ffsm_mj.experiments.statistics import intervals, is_constant
+from ffsm_mj.experiments.statistics import intervals, is_constant, mean_interval
 from ffsm_mj.records.metadata import logged_task
 from ffsm_mj.records.signals import identifier
 from ffsm_mj.report.plots.motion import draw_plane
@@ -248,7 +248,7 @@ def _pareto(results: VariantResults, axes: ParetoConfig) -> Figure | None:
 
 def _arms(values: FloatArray) -> FloatArray | None:
     """Distances of the ends of an interval from the mean, (2, 1); None for one value."""
-    low, high = bootstrap_interval(values)
+    low, high = mean_interval(values)
     mean = float(values.mean())
     return None if np.isnan(low) else np.maximum(np.array([[mean - low], [high - mean]]), 0.0)
 

@@ -145,9 +145,9 @@ class ScriptClasses:
     metrics: Mapping[str, Any] = field(default_factory=dict)
 
     @property
-    def every(self) -> dict[str, Any]:
-        """All of them."""
-        return {**self.controllers, **self.estimators, **self.metrics}
+    def every(self) -> list[tuple[str, Any]]:
+        """All of them with their names; a metric may have the name of a control law."""
+        return [*self.controllers.items(), *self.estimators.items(), *self.metrics.items()]
 
 
 NO_CLASSES = ScriptClasses()

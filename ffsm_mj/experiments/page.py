@@ -12,10 +12,10 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.conditions import Condition
 from ffsm_mj.experiments.comparison import LEAST_RUNS, PairedDifference, VariantComparison, VariantPair
-from ffsm_mj.experiments.planning import flow
 from ffsm_mj.experiments.results import GOOD, SUCCESS, Results, VariantResults, finite, numbers
 from ffsm_mj.experiments.statistics import (
     CONFIDENCE,
+    LEAST_RANKED,
     NO_SUCCESS,
     Proportion,
     differences,
@@ -29,6 +29,7 @@ from ffsm_mj.experiments.statistics import (
     values_for_upper_end,
 )
 from ffsm_mj.report.markdown import code, escaped, markdown_table, number, percent
+from ffsm_mj.yaml import write_flow
 
 _MOST_CORRELATIONS = 3
 """Correlations that are printed: more are in the page only."""
@@ -89,7 +90,11 @@ def _dependence(results: Results) -> str:
     ranks = [(name, rank_correlation(results, name, metric)) for name in results.parameters]
     known = sorted(((rho, name) for name, rho in ranks if rho is not None), key=lambda entry: -abs(entry[0]))
     shown = ", ".join(f"{name} {rho:.2f}" for rho, name in known[:_MOST_CORRELATIONS])
-    return f"rank correlation of {metric} with {shown}" if shown else f"{metric}: too few runs for rank correlations"
+    count = len(finite(results.valid, metric))
+    if not shown:
+        why = f"{count} runs, {LEAST_RANKED} are needed" if count < LEAST_RANKED else "no parameter is a number that varies"
+        return f"{metric}: no rank correlation ({why})"
+    return f"rank correlation of {metric} with {shown}, of {count} runs"
 
 
 _SHARES = (0.05, 0.5, 0.95)
@@ -138,8 +143,8 @@ def report_page(results: VariantResults, comparison: VariantComparison | None, f
         *_by_variant(results, _convergence),
         "## Sensitivity",
         *_by_variant(results, _sensitivity),
-        "## Failures",
-        *_by_variant(results, _failures),
+        "## Runs without success",
+        *_by_variant(results, _not_good),
         "## Samples",
         _samples(first),
     ]
@@ -187,11 +192,12 @@ def _variants(results: VariantResults) -> str:
     rows = []
     for name, variant in results.config.variants.items():
         changes = variant.overrides_after({}) | ({"scenario": variant.scenario} if variant.scenario is not None else {})
-        sentences = (
-            ", ".join(f"{escaped(key)} = {code(flow(value))}" for key, value in changes.items()) or "the scenario as it is"
+        changed = (
+            ", ".join(f"{escaped(key)} = {code(write_flow(value))}" for key, value in changes.items())
+            or "the scenario as it is"
         )
         reason = results.not_applicable.get(name)
-        rows.append([escaped(name), escaped(variant.description), sentences, f"no: {escaped(reason)}" if reason else "yes"])
+        rows.append([escaped(name), escaped(variant.description), changed, f"no: {escaped(reason)}" if reason else "yes"])
     described = any(row[1] for row in rows)
     head = ("variant", "description", "changes", "applicable")
     keep = [i for i in range(len(head)) if i != 1 or described]
@@ -295,10 +301,10 @@ def _sensitivity(results: Results) -> Iterator[str]:
         )
     chance = (
         f" Without correlation, magnitudes are below {1.96 / math.sqrt(count - 1):.2f} in 95 % of cases."
-        if count > 2
+        if count >= LEAST_RANKED
         else ""
     )
-    yield f"Spearman's rank correlation coefficients.{chance}"
+    yield f"Spearman's rank correlation coefficients, of {LEAST_RANKED} runs or more.{chance}"
     yield markdown_table(("metric", *map(code, results.parameters)), rows)
     if results.kind == "saltelli":
         yield "Sobol indices: first order, the fraction of the variance due to the parameter alone, and total."
@@ -320,16 +326,16 @@ def _indices(results: Results, metric: str) -> list[str]:
     return [code(metric), *cells]
 
 
-def _failures(results: Results) -> Iterator[str]:
-    failures = groups(results)
-    if not failures:
+def _not_good(results: Results) -> Iterator[str]:
+    runs = groups(results)
+    if not runs:
         yield "None."
         return
     rows = [
         [escaped(group.how), escaped(group.phase), str(len(group.runs)), _runs(group.runs), escaped(group.message)]
-        for group in failures
+        for group in runs
     ]
-    yield markdown_table(("failure", "last phase", "number", "runs", "message of the first"), rows)
+    yield markdown_table(("reason", "last phase", "number", "runs", "message of the first"), rows)
     differing = differences(results)
     if not differing:
         yield "Too few runs on one side for a comparison of their parameters."

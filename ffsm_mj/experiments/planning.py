@@ -23,7 +23,7 @@ from ffsm_mj.scenario.faults import KindNames, plain_faults
 from ffsm_mj.scenario.loading import load_scenario, stated_source
 from ffsm_mj.scenario.shipped import scenario_path
 from ffsm_mj.scenario.source import YamlSource, source_of
-from ffsm_mj.yaml import KeyPath, read_node
+from ffsm_mj.yaml import KeyPath, read_node, write_flow
 
 
 @dataclass(frozen=True, eq=False)
@@ -417,16 +417,7 @@ def described(plan: Plan | VariantsPlan) -> list[str]:
 
 def _kind(value: object) -> str:
     """A value of an override; of a control law its kind."""
-    return f"kind {value['kind']}" if isinstance(value, Mapping) and "kind" in value else flow(value)
-
-
-def flow(value: object) -> str:
-    """A value of a campaign file as YAML on one line."""
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{key}: {flow(item)}" for key, item in value.items()) + "}"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(map(flow, value)) + "]"
-    return str(value).lower() if isinstance(value, bool) or value is None else str(value)
+    return f"kind {value['kind']}" if isinstance(value, Mapping) and "kind" in value else write_flow(value)
 
 
 def _description(plan: Plan, design: Design) -> list[str]:

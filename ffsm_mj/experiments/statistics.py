@@ -49,19 +49,43 @@ class Proportion:
 
 def mean_text(values: FloatArray) -> str:
     """Mean of some values with its interval as text."""
-    mean, low, high = mean_interval(values)
-    return number(mean) + ("" if math.isnan(low) else f" ({number(low)} to {number(high)})")
+    low, high = mean_interval(values)
+    return number(float(values.mean())) + ("" if math.isnan(low) else f" ({number(low)} to {number(high)})")
 
 
-def mean_interval(values: FloatArray) -> tuple[float, float, float]:
-    """Mean of some values with Student's interval at the level CONFIDENCE; NaN for the ends below two values."""
-    from scipy.stats import sem, t
+_RESAMPLES = 10_000
+_BLOCK = 500
+_MOST_RESAMPLED = 4096
+"""Largest number of values that are resampled: the jackknife of the bootstrap takes a time of order n^2. Beyond, the
+skewness s shifts an end by s (1 + 2 z^2) / (6 sqrt(n)) standard errors (z = 1.96), below 0.05 for s = 2, an exponential
+distribution."""
 
-    mean = float(values.mean())
-    if len(values) < 2:
-        return mean, math.nan, math.nan
-    half = float(t.ppf(0.5 * (1.0 + CONFIDENCE), len(values) - 1) * sem(values))
-    return mean, mean - half, mean + half
+
+def mean_interval(values: FloatArray) -> tuple[float, float]:
+    """Interval of a mean at the level CONFIDENCE; NaN below two values.
+
+    Bootstrap, bias-corrected and accelerated (Efron 1987); beyond :data:`_MOST_RESAMPLED` values Student's interval. The
+    resamples have a seed of their own: the same values give the same interval. It is expanded as that of a normal sample
+    is by Student's distribution and the unbiased variance (Hesterberg 2015, The American Statistician 69(4):371), without
+    which intervals of few values are too narrow: some 92 % of those of 16 values contain the mean, not 95 %.
+    """
+    n = len(values)
+    if n < 2:
+        return math.nan, math.nan
+    if np.ptp(values) == 0.0:
+        return float(values[0]), float(values[0])
+    from scipy.stats import bootstrap, norm, sem, t  # slow to import
+
+    quantile_of_t = t.ppf(0.5 * (1.0 + CONFIDENCE), n - 1)
+    if n > _MOST_RESAMPLED:
+        mean, half = float(values.mean()), float(quantile_of_t * sem(values))
+        return mean - half, mean + half
+    tail = norm.sf(math.sqrt(n / (n - 1.0)) * quantile_of_t)
+    level = 1.0 - 2.0 * max(float(tail), 1.0 / _RESAMPLES)
+    random = np.random.default_rng(0)
+    resampled = bootstrap((values,), np.mean, n_resamples=_RESAMPLES, batch=_BLOCK, confidence_level=level, rng=random)
+    low, high = resampled.confidence_interval
+    return float(low), float(high)
 
 
 @dataclass(frozen=True)
@@ -162,10 +186,10 @@ def intervals(results: Results, what: str) -> list[IntervalAtRuns]:
     return [point for runs in counts if (point := interval_at(results, what, runs)) is not None]
 
 
-def narrow_enough(results: Results, what: str, width: float) -> bool:
-    """Whether the interval at the largest power of 2 is at most this wide."""
-    points = intervals(results, what)
-    return bool(points) and points[-1].width is not None and points[-1].width <= width
+def latest_interval(results: Results, what: str) -> IntervalAtRuns | None:
+    """Estimate at the largest power of 2 of complete runs; None below 8 runs, or if none has the metric."""
+    complete = len(results.complete_part)
+    return interval_at(results, what, 1 << (complete.bit_length() - 1)) if complete >= _FIRST else None
 
 
 NO_SUCCESS = "no success"
@@ -260,20 +284,22 @@ def holm(probabilities: Sequence[float]) -> list[float]:
 
 _BOOTSTRAPS = 999
 _LEAST_POINTS = 8
+LEAST_RANKED = 10
+"""Smallest number of runs for a rank correlation: of 10 independent pairs 5 % have one above 0.65 in magnitude."""
 
 
 def rank_correlation(results: Results, parameter: str, metric: str) -> float | None:
     """Spearman's rank correlation over the runs that did not fail and have both values.
 
     Returns:
-        -1 to 1; None if a column is constant or has fewer than three numbers.
+        -1 to 1; None if a column is constant, or there are fewer than :data:`LEAST_RANKED` such runs.
     """
     from scipy.stats import spearmanr  # slow to import
 
     x, y = numbers(results.valid, parameter), numbers(results.valid, metric)
     both = np.isfinite(x) & np.isfinite(y)
     x, y = x[both], y[both]
-    if len(x) < 3 or is_constant(x) or is_constant(y):
+    if len(x) < LEAST_RANKED or is_constant(x) or is_constant(y):
         return None
     return float(spearmanr(x, y).statistic)
 

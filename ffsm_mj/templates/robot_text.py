@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import json
-import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from xml.sax.saxutils import quoteattr
 
 from ffsm_mj.templates.vendor import Vendor
-
-_PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_./-]*")
-_WORDS = {"true", "false", "null", "yes", "no", "on", "off", "y", "n"}
+from ffsm_mj.yaml import write_flow
 
 
 @dataclass(frozen=True)
@@ -166,19 +161,19 @@ def scenario_text(name: str, robot: str, strip: Sequence[str], start: Start, pla
     lines = [
         f"# {what} Edit this file freely:",
         f"# 'ffsm check {name}.yaml' validates it; the user guide describes every key.",
-        f"name: {word(name)}",
+        f"name: {write_flow(name)}",
         "duration_s: 4.0",
         "time_step_s: 0.001",
         "accuracy: 1e-9 # steps that are too long for this accuracy are divided",
         "control_period_s: 0.005",
         "",
         "robot:",
-        f"  mjcf: {word(places.model)}",
+        f"  mjcf: {write_flow(places.model)}",
         *_robot_lines(strip, start, places),
         *_initial_lines(name, start),
         "",
         "# The report states the distance of the tip from this point, its initial position.",
-        f"task: {{tip: {word(start.tip)}, target_m: {flow(start.target)}}}",
+        f"task: {{tip: {write_flow(start.tip)}, target_m: {flow(start.target)}}}",
         *_CONTACTS[start.approach is not None],
         *_phase_lines(start),
     ]
@@ -207,7 +202,7 @@ _CONTACTS = {
 
 def _initial_lines(name: str, start: Start) -> list[str]:
     """Objects and the initial state."""
-    joints = [f"    {word(joint)}: {value:.10g}" for joint, value in start.pose.items()]
+    joints = [f"    {write_flow(joint)}: {value:.10g}" for joint, value in start.pose.items()]
     if start.approach is None:
         return ["", "initial:", "  joints: # rad or m", *joints] if joints else []
     return [
@@ -263,20 +258,16 @@ def _robot_lines(strip: Sequence[str], start: Start, places: Places) -> list[str
         body, place = start.on
         lines += [
             "  # A site at the end of the arm, where the vendor's file has none: its body, and its position in it in m.",
-            f"  sites: {{{word(start.tip)}: {{body: {word(body)}, pos_m: {flow(place)}}}}}",
+            f"  sites: {{{write_flow(start.tip)}: {{body: {write_flow(body)}, pos_m: {flow(place)}}}}}",
         ]
     return lines
 
 
 def flow(values: Sequence[float | str]) -> str:
-    """Numbers or texts as a list in YAML."""
-    return f"[{', '.join(word(value) if isinstance(value, str) else _number(value) for value in values)}]"
+    """Numbers, with seven digits, or texts as a list in YAML."""
+    return write_flow([value if isinstance(value, str) else _number(value) for value in values])
 
 
-def _number(value: float) -> str:
-    return f"{value:.7g}" if math.isfinite(value) else json.dumps(value)
-
-
-def word(text: str) -> str:
-    """A text as YAML takes it."""
-    return text if _PLAIN.fullmatch(text) and text.lower() not in _WORDS else json.dumps(text)
+def _number(value: float) -> float | int:
+    short = float(f"{value:.7g}")
+    return int(short) if short.is_integer() else short

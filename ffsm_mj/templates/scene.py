@@ -15,8 +15,9 @@ from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError, ScenarioFaults, one_line
 from ffsm_mj.invocation import command
 from ffsm_mj.scenario.loading import load_scenario
-from ffsm_mj.templates.robot_text import flow, word
+from ffsm_mj.templates.robot_text import flow
 from ffsm_mj.templates.vendor import needed_strips
+from ffsm_mj.yaml import write_flow
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,7 @@ def _text(asked: SceneRequest, strips: Mapping[str, Sequence[str]], overlaps: Se
     lines = [
         f"# The scene of {asked.scene.name}. Edit this file freely:",
         f"# 'ffsm check {asked.name}.yaml' validates it; the user guide describes every key.",
-        f"name: {word(asked.name)}",
+        f"name: {write_flow(asked.name)}",
         "duration_s: 4.0",
         "time_step_s: 0.001",
         "accuracy: 1e-9 # steps that are too long for this accuracy are divided",
@@ -113,7 +114,7 @@ def _text(asked: SceneRequest, strips: Mapping[str, Sequence[str]], overlaps: Se
         "",
         "# The robot is one tree of the file. The others are objects with the names of their root bodies, and what the file",
         "# fixes to the world is the object 'surroundings'. Its first keyframe is the initial state.",
-        f"scene: {{mjcf: {word(file)}, robot: {word(asked.robot)}}}",
+        f"scene: {{mjcf: {write_flow(file)}, robot: {write_flow(asked.robot)}}}",
         *(["# Removed before compilation: these elements are not modelled."] if strips else []),
         *robot,
         *(["objects:", *others] if others else []),

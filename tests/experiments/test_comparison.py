@@ -9,8 +9,8 @@ from scipy.stats import t
 import ffsm_mj
 from ffsm_mj.errors import InputError
 from ffsm_mj.experiments.campaign import Campaign
-from ffsm_mj.experiments.comparison import bootstrap_interval
 from ffsm_mj.experiments.engines import loop
+from ffsm_mj.experiments.statistics import mean_interval
 from tests.experiments.files import campaign_file
 from tests.experiments.made_up import compared, results, row
 from tests.scenes import two_balls
@@ -65,14 +65,14 @@ def test_intervals_contain_the_mean_as_often_as_they_say():
     ratios = []
     for draw, n, number, short in ((rng.normal, 16, 200, 0), (lambda size: rng.exponential(size=size) - 1.0, 30, 100, 3)):
         samples = [draw(size=n) for _ in range(number)]
-        intervals = [bootstrap_interval(each) for each in samples]
+        intervals = [mean_interval(each) for each in samples]
         inside = sum(low <= 0.0 <= high for low, high in intervals)
         assert abs(inside - 0.95 * number + short) <= 3.0 * np.sqrt(number * 0.95 * 0.05) + short
         student = [2.0 * t.ppf(0.975, n - 1) * each.std(ddof=1) / np.sqrt(n) for each in samples]
         ratios.append(np.mean([(high - low) / each for (low, high), each in zip(intervals, student, strict=True)]))
     assert ratios[0] == pytest.approx(1.0, abs=0.02)
-    assert bootstrap_interval(np.array([1.0, 2.0])) == (1.0, 2.0)
-    assert all(np.isnan(bootstrap_interval(np.array([1.0]))))
+    assert mean_interval(np.array([1.0, 2.0])) == (1.0, 2.0)
+    assert all(np.isnan(mean_interval(np.array([1.0]))))
 
 
 def test_runs_are_counted_and_told_apart():

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from ffsm_mj.experiments.file import CampaignFile, KeepConfig, LimitsConfig, SamplesConfig, StopConfig
 from ffsm_mj.experiments.planning import load_campaign
 from ffsm_mj.yaml import plain_value
 from tests.experiments.files import campaign_file, two_rocks
@@ -32,3 +33,15 @@ def test_dispersions_of_the_page(tmp_path, block):
     else:
         path = campaign_file(tmp_path, dispersions, scenario="baseline")
     load_campaign(path).design()
+
+
+def test_the_table_of_keys_is_that_of_the_file():
+    table = PAGE.partition("## Keys\n")[2].partition("\n## ")[0]
+    named = [
+        name for line in table.splitlines() for name in re.findall(r"`(\w+)`", line.split("|")[1] if "|" in line else "")
+    ]
+    assert named == list(dict.fromkeys(named))
+    assert set(named) == set(CampaignFile.model_fields)
+    for key, config in (("samples", SamplesConfig), ("keep", KeepConfig), ("limits", LimitsConfig), ("stop", StopConfig)):
+        told = next(line for line in table.splitlines() if line.startswith(f"| `{key}`"))
+        assert set(config.model_fields) <= set(re.findall(r"\w+", told))

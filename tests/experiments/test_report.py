@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet
@@ -12,7 +13,7 @@ from ffsm_mj.cli.main import main
 from ffsm_mj.experiments.campaign import Campaign
 from ffsm_mj.experiments.engines import loop
 from ffsm_mj.experiments.figures import save_figures
-from ffsm_mj.experiments.page import report_page
+from ffsm_mj.experiments.page import report_page, summary_lines
 from ffsm_mj.experiments.report import write_report
 from ffsm_mj.experiments.results import VariantResults
 from tests.experiments.files import rock_hits
@@ -60,6 +61,13 @@ def test_shares_with_their_intervals(many):
     assert "approximate" not in text
 
 
+def test_the_example_in_the_documentation_has_the_headings_of_a_page(many):
+    """``make campaign`` writes it."""
+    example = (Path(__file__).parents[2] / "docs" / "campaign-example.md").read_text()
+    headings = [re.findall("^## .*", text, re.MULTILINE) for text in (example, page(results(many)))]
+    assert headings[0] == headings[1]
+
+
 def test_no_failure_has_an_upper_end():
     text = page(results([row(i, x=float(i), y=float(i)) for i in range(64)]))
     assert cells(text, "failed (not completed, or a check fails)") == ["0 of 64", "0 %", "0 % to 5.66 %"]
@@ -91,6 +99,12 @@ def test_sensitivity_of_what_is_constant(many):
     assert cells(text, "`y_flat`") == ["constant", "constant"]
 
 
+def test_the_sentence_on_rank_correlations_tells_the_number_of_runs(many):
+    told = summary_lines(results(many), ())[-1]
+    assert told.startswith("rank correlation of y with x 1.00, x_noise ")
+    assert told.endswith(f", of {sum(not each['failed'] for each in many)} runs")
+
+
 def test_a_saltelli_design_with_a_failure_has_no_indices(many):
     found = results(many[:96], kind="saltelli", n=24)
     assert "indices need every run" in page(found).partition("Sobol indices: first")[2]
@@ -98,7 +112,7 @@ def test_a_saltelli_design_with_a_failure_has_no_indices(many):
 
 
 def test_failures_are_grouped_and_set_apart(many):
-    text = page(results(many)).partition("## Failures")[2]
+    text = page(results(many)).partition("## Runs without success")[2]
     assert cells(text, "diverged")[0] == "coast"
     assert float(cells(text, "`x_noise`")[1]) < 1e-6
 
@@ -152,7 +166,7 @@ def test_the_report_of_a_campaign(made, capsys):
     assert len(lines) == 6
     assert lines[0] == "try: 8 of 8 runs (8 completed), 0 failed"
     assert lines[1].startswith("success (impacts.0.impulse_N_s < 0.9): ")
-    assert lines[4].startswith("rank correlation of impacts.0.impulse_N_s with initial.rates.robot/free.0 1.00")
+    assert lines[4] == "impacts.0.impulse_N_s: no rank correlation (8 runs, 10 are needed)"
     assert lines[5] == f"report: {made.folder.path / 'report.html'}, {made.folder.path / 'report.md'}"
     files = write_report(made)
     assert [file.name for file in files] == [

@@ -12,7 +12,7 @@ from ffsm_mj.experiments.campaign import Campaign
 from ffsm_mj.experiments.worker import TOLERANCE
 
 ROWS = Path(__file__).parents[2] / "docs" / "campaign-rows.csv"
-WORDS = ("outcome", "message", "phase", "failed", "success", "checks_pass")
+WORDS = ("outcome", "message", "phase", "failed", "success", "checks_pass", "fails_by_truncation", "passes")
 ROUNDING = ("checks.", "drift", "deepest_overlap_m", "wall_s", "cpu")
 """Residuals and what a row cost differ from machine to machine."""
 

@@ -8,14 +8,17 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import sem, t
 
 from ffsm_mj.experiments.statistics import (
     Proportion,
     interval_at,
     intervals,
     is_constant,
-    narrow_enough,
+    latest_interval,
+    mean_interval,
     quantile,
+    rank_correlation,
     values_for_bound,
     values_for_upper_end,
 )
@@ -108,10 +111,39 @@ def test_convergence_ends_before_a_run_that_is_not_made():
     assert [each.runs for each in intervals(found, "success")] == [8, 16]
 
 
-def test_a_campaign_is_narrow_enough_at_a_power_of_two_only():
-    """The width at 64 of 64 is below 0.06, that at 32 above it; between them nobody looks."""
+def test_a_stop_is_evaluated_at_a_power_of_two_only():
     all_good = [row(i, success=True, y=1.0 * i) for i in range(64)]
-    assert narrow_enough(results(all_good), "success", 0.06)
-    assert not narrow_enough(results(all_good[:63], runs=64), "success", 0.06)
-    assert not narrow_enough(results(all_good), "y", 0.06)
-    assert not narrow_enough(results(all_good[:5], runs=64), "success", 1.0)
+    found = [latest_interval(results(all_good[:made], runs=64), "success") for made in (64, 63, 8, 7)]
+    assert [each and each.runs for each in found] == [64, 32, 8, None]
+    assert latest_interval(results(all_good), "lacking") is None
+
+
+def test_a_stop_sees_the_independent_runs_of_a_saltelli_design():
+    """The first 2 n = 16 of 40 rows; 32 rows that are complete are no 32 independent runs."""
+    rows = [row(i, success=True, x=float(i), y=float(i)) for i in range(40)]
+    assert latest_interval(results(rows, kind="saltelli", n=8), "success").runs == 16
+
+
+def test_no_rank_correlation_of_a_few_runs():
+    few, enough = (results([row(i, x=float(i), y=float(i * i)) for i in range(n)]) for n in (9, 10))
+    assert rank_correlation(few, "x", "y") is None
+    assert rank_correlation(enough, "x", "y") == pytest.approx(1.0)
+
+
+def test_the_interval_of_a_mean_stays_where_the_values_are():
+    """Resamples of positive values have positive means; Student's interval of these has an end below zero."""
+    values = np.array([0.01, 0.012, 0.02, 0.25])
+    assert values.mean() < t.ppf(0.975, 3) * sem(values)
+    assert 0.01 <= mean_interval(values)[0] < values.mean() < mean_interval(values)[1] <= 0.25
+
+
+def test_the_interval_of_many_values_is_that_of_fewer_to_its_error():
+    """4096 are resampled, 4097 not.
+
+    The ends of an exponential distribution differ by 0.05 standard errors at most, by the statement of the constant, and
+    by 0.05 more of the 10,000 resamples: the deviation of their 2.5 % quantile is sqrt(0.025 0.975 / 10^4) / 0.058 = 0.027.
+    """
+    values = np.random.default_rng(2).exponential(size=4097)
+    few, many = mean_interval(values[:-1]), mean_interval(values)
+    assert few == pytest.approx(many, abs=0.1 * sem(values) + abs(values[:-1].mean() - values.mean()))
+    assert few != many

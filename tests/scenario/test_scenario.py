@@ -20,7 +20,7 @@ from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.scenario.schema import scenario_schema
 from ffsm_mj.scenario.shipped import scenario_names, scenario_path, scenarios_dir
 from ffsm_mj.scenario.source import read_yaml
-from ffsm_mj.yaml import parse, plain_value, write_yaml
+from ffsm_mj.yaml import parse, plain_value, write_flow, write_yaml
 from tests.conftest import MJCF
 from tests.scenario import editor
 from tests.scenes import ball, scene, two_balls
@@ -412,3 +412,11 @@ def test_an_override_leaves_the_data_of_its_source_alone(tmp_path):
 def test_a_plain_number_is_what_yaml_makes_of_it(text):
     number, composed = plain_value(text), parse(text, Path()).plain()
     assert (repr(number), type(number)) == (repr(composed), type(composed))
+
+
+@pytest.mark.parametrize("value", [{"a": "b: c", "d": None}, "off", "1_000", [True, -1e-9, [3, "x, y"]], "", "a\nb" * 99])
+def test_a_value_on_one_line_is_read_as_it_was(value):
+    """A text with a colon, or one that reads like another value, has quotes."""
+    text = write_flow(value)
+    assert "\n" not in text
+    assert plain_value(text) == value
