@@ -199,7 +199,7 @@ class JointFriction(EventSource, ForceSource, Replayable):
             self._at_start = self._stop(self.senses == 0.0)
         self._moved.begin_step()
 
-    def step_limit(self, left_s: float) -> float:
+    def plan_step(self, left_s: float) -> float:
         """Longest step in which forces of tendons that slide turn little: a huge friction makes a whole one wild."""
         if not (self._slides and self._moved.moving.any()):
             return left_s
