@@ -20,9 +20,9 @@ HEAD = """# Log reference
 
 Generated from the code by `uv run python docs/log_reference.py`; a test verifies that it is current.
 
-Every topic of `run.mcap` is protobuf; the file contains the schemas. `log_time` and `publish_time` are simulation time in
-ns. Vectors are in world axes, angular momentum is about the world origin. Quaternions of `ffsm.*` are wxyz as in MuJoCo,
-those of `foxglove.*` xyzw. Names end in their unit.
+Every topic of `run.mcap` but `/ffsm/state` is protobuf; the file contains the schemas. `log_time` and `publish_time` are
+simulation time in ns. Vectors are in world axes, angular momentum is about the world origin. Quaternions of `ffsm.*` are
+wxyz as in MuJoCo, those of `foxglove.*` xyzw. Names end in their unit.
 """
 
 
@@ -123,6 +123,8 @@ def topics() -> Iterator[tuple[str, str, str]]:
     yield f"`{form.SAMPLE_TOPIC}`", f"`{form.SAMPLE_SCHEMA}`", "every control tick (`control_period_s`)"
     for kind in kinds():
         yield f"`{kind.topic}`", f"`{kind.schema}`", kind.when
+    saved = "with `log: {states: events}` at every event: the state of the simulation, from which a run goes on"
+    yield f"`{form.STATE_TOPIC}`", f"none; encoding `{form.STATE_ENCODING}`, JSON after a line with its version", saved
     messages = viewer.viewer_topics(kinds())
     for topic, (when, _) in viewer_topics().items():
         yield f"`{topic}`", f"`{messages.get(topic, viewer.PointCloud).DESCRIPTOR.full_name}`", when

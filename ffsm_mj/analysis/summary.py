@@ -23,7 +23,7 @@ from ffsm_mj.verification.check_result import Check, Truncation, all_by_truncati
 from ffsm_mj.verification.checks import CheckAccumulator
 
 SCHEMA_VERSION = 3
-"""Version of the schema; later versions only add keys."""
+"""Version of the schema; it is raised when a key goes or changes its meaning, not when one is added."""
 _NOT_ANALYSED = "not analysed"
 
 

@@ -22,8 +22,9 @@ class Columns:
         table: Alternative to ``live``: values at all samples since the last call, (n, number of signals).
         on_sample: Called with the time in s at each sample before anything is copied, to update ``live`` or to buffer what
             ``table`` needs.
-        at_state: Values under forces that a log replay varies at a sample, (number of signals,); columns that do not depend
-            on forces, or have a state, may have any constant. None: none of the columns depends on forces.
+        at_state: Values at a sample under the forces that act, (number of signals,). A log replay varies these forces by
+            rounding and compares; columns that do not depend on forces, or have a state, may have any constant. None: no
+            column depends on forces.
         at_event: The same for columns of values right after events since the last sample.
         resume: Restores the state of the columns from their values at a sample, (number of signals,), when a log is replayed
             from there; zeros: from the start. None if they have no state.

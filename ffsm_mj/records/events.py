@@ -138,8 +138,8 @@ class ImpactRecord:
     )
     impulse_N_s: float = declared("Normal impulse on b.", column="impulse on b along the normal")
     angular_impulse_N_m_s: Values = declared(
-        "Its moment in world axes about the centre of mass of the robot or object that b belongs to, or about the"
-        " origin of its model's frame if that is fixed.",
+        "Moment of the impulse on b, friction included, in world axes, about the centre of mass of the robot or object that "
+        "b belongs to, or about the origin of its model's frame if that is fixed.",
         column="angular impulse on b, with friction, about the centre of mass of its robot or object; if fixed, its "
         "model's origin",
         components="xyz",

@@ -1,7 +1,8 @@
 """Declaration of a record: a frozen dataclass whose fields say once what they mean, and how logs and tables show them.
 
-A field stands in the log at its place among the fields, and its name ends in its unit. Those with one value, those with
-components that have a letter each, and others whose column has a text are columns of the table of the record::
+Fields are logged in the order of declaration (protobuf numbers), so new ones go last; ``after`` gives a field another place
+in tables. A name ends in its unit. Fields with one value, those with components that have a letter each, and others whose
+column has a text are columns of the table of the record::
 
     @record
     class Grip:

@@ -247,7 +247,7 @@ class LogReplay:
 
     @contextmanager
     def _no_law_commands(self, time_s: float, agreement: Agreement) -> Iterator[None]:
-        """Context in which efforts that end a run are what a log cannot say."""
+        """Context in which an effort that would have ended the run is a disagreement."""
         try:
             yield
         except ControllerError as error:
