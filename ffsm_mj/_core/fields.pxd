@@ -20,6 +20,7 @@ cdef class FieldForces:
     cdef const int[::1] parents, roots, dof_bodies
     cdef const double[:, ::1] centres, frames, twists, subtree_centres, axes_of_dofs
     cdef double[:, ::1] total, rates, sums, work
+    cdef double[::1] applied
 
     cpdef int push(self, data) except -1
     cdef int evaluate(self, data) except -1

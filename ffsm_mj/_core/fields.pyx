@@ -92,15 +92,18 @@ cdef class FieldForces:
         self.ids, self.trees = np.array(ids, dtype=np.intp), np.array(trees, dtype=np.intp)
         self.parents, self.roots, self.dof_bodies = model.body_parentid, model.body_rootid, model.dof_bodyid
         self.total, self.rates, self.sums = np.zeros((model.nbody, 6)), np.zeros_like(done), np.zeros_like(done)
-        self.done, self.work = done.base, done
+        self.done, self.work, self.applied = done.base, done, data.qfrc_applied
 
     cpdef int push(self, data) except -1:
         """Add the generalised forces to ``data.qfrc_applied``; positions and velocities in ``data`` are current."""
-        cdef double[::1] applied = data.qfrc_applied
+        cdef double[::1] applied
         self.evaluate(data)
-        self.generalise(&applied[0])
         if data is self.data:
+            self.generalise(&self.applied[0])
             self.rate()
+        else:
+            applied = data.qfrc_applied
+            self.generalise(&applied[0])
         return 0
 
     def add_to(self, double[::1] applied not None):
@@ -134,8 +137,12 @@ cdef class FieldForces:
             bodies.velocity[k, 0] = w[3] + w[1] * z - w[2] * y
             bodies.velocity[k, 1] = w[4] + w[2] * x - w[0] * z
             bodies.velocity[k, 2] = w[5] + w[0] * y - w[1] * x
+        now = data.time
         for field in self.fields:
-            field.add_wrenches(data.time, bodies)
+            if isinstance(field, CompiledField):
+                (<CompiledField>field).add_wrenches(now, bodies)
+            else:
+                field.add_wrenches(now, bodies)
         memset(&self.total[0, 0], 0, 6 * self.total.shape[0] * sizeof(double))
         for k in range(bodies.count):
             b = self.ids[k]
@@ -265,6 +272,16 @@ cdef class KeplerOrbit:
         self.find(time_s, R, V)
         return np.array((R[0], R[1], R[2])), np.array((V[0], V[1], V[2]))
 
+    def states(self, const double[:] times_s not None):
+        """The same at several times, (n, 3) each."""
+        cdef double[:, ::1] R, V
+        cdef Py_ssize_t i
+        positions, velocities = np.empty((times_s.shape[0], 3)), np.empty((times_s.shape[0], 3))
+        R, V = positions, velocities
+        for i in range(times_s.shape[0]):
+            self.find(times_s[i], &R[i, 0], &V[i, 0])
+        return positions, velocities
+
 
 cdef class OrbitalField(CompiledField):
     """Tide and gravity-gradient force and torque of a central body, about a reference orbit in non-rotating axes.
@@ -286,7 +303,8 @@ cdef class OrbitalField(CompiledField):
     cdef double mu, oblateness
     cdef double[3] pole
     cdef double last_s
-    cdef double[3] R
+    cdef double[3] R, at_origin  # position of the origin; acceleration by J2 there
+    cdef double distance, inverse_square, rate  # |R|, 1 / R^2 and mu / R^3
 
     def __init__(self, reference, double mu, double oblateness=0.0, pole=(0.0, 0.0, 1.0)):
         """Act about a reference orbit.
@@ -303,33 +321,42 @@ cdef class OrbitalField(CompiledField):
         self.last_s = float("nan")
 
     cdef int find(self, double time_s) except -1:
-        """Find the position of the origin."""
+        """Find the position of the origin, and what else is the same for all bodies."""
+        cdef double square
         if time_s == self.last_s:
             return 0
         if self.orbit is not None:
             self.orbit.find(time_s, self.R, NULL)
         else:
             (self.R[0], self.R[1], self.R[2]), _ = self.reference.state(time_s)
-        self.last_s = time_s
+        square = self.R[0] * self.R[0] + self.R[1] * self.R[1] + self.R[2] * self.R[2]
+        self.distance, self.inverse_square = sqrt(square), 1.0 / square
+        self.rate, self.last_s = self.mu * self.inverse_square / self.distance, time_s
+        if self.oblateness != 0.0:
+            self.oblate(self.R, self.at_origin)
         return 0
 
-    cdef void tide(self, const double* r, double* a) noexcept:
-        """Write the acceleration at a position from the origin."""
-        cdef double* R = self.R
-        cdef double square = R[0] * R[0] + R[1] * R[1] + R[2] * R[2]
-        cdef double q = (r[0] * (r[0] + 2.0 * R[0]) + r[1] * (r[1] + 2.0 * R[1]) + r[2] * (r[2] + 2.0 * R[2])) / square
-        cdef double w = sqrt(1.0 + q), s = (1.0 + q) * w, factor = q * (3.0 + q * (3.0 + q)) / (s * (1.0 + s))
-        cdef double rate = self.mu / (square * sqrt(square))
-        cdef double[3] p, there, origin
+    cdef double excess(self, const double* r) noexcept nogil:
+        """q = |R + r|^2 / R^2 - 1, without a difference of nearly equal numbers."""
+        cdef const double* R = self.R
+        return self.inverse_square * (
+            r[0] * (r[0] + 2.0 * R[0]) + r[1] * (r[1] + 2.0 * R[1]) + r[2] * (r[2] + 2.0 * R[2])
+        )
+
+    cdef double tide(self, const double* r, double* a) noexcept:
+        """Write the acceleration at a position from the origin; returns the distance from the central body over R."""
+        cdef double q = self.excess(r), w = sqrt(1.0 + q), s = (1.0 + q) * w
+        cdef double factor = q * (3.0 + q * (3.0 + q)) / (s * (1.0 + s))
+        cdef double[3] p, there
         cdef int i
         for i in range(3):
-            p[i] = R[i] + r[i]
-            a[i] = rate * (factor * p[i] - r[i])
+            p[i] = self.R[i] + r[i]
+            a[i] = self.rate * (factor * p[i] - r[i])
         if self.oblateness != 0.0:
             self.oblate(p, there)
-            self.oblate(R, origin)
             for i in range(3):
-                a[i] += there[i] - origin[i]
+                a[i] += there[i] - self.at_origin[i]
+        return w
 
     cdef void oblate(self, const double* p, double* a) noexcept:
         """Write the acceleration by J2 at a position from the central body."""
@@ -355,55 +382,56 @@ cdef class OrbitalField(CompiledField):
         cdef int i
         cdef double[3] a, d, along, Id
         cdef const double* E
-        cdef double size, dId, trace, gradient
+        cdef const double* r
+        cdef const double* J
+        cdef double* f
+        cdef double* t
+        cdef double w, inverse, dId, trace, gradient, along_d
         self.find(time_s)
         for k in range(bodies.count):
             if bodies.mass[k] == 0.0:
                 continue
-            self.tide(&bodies.position[k, 0], a)
-            size = 0.0
+            r, E, J = &bodies.position[k, 0], &bodies.turn[k, 0], &bodies.inertia[k, 0]
+            w = self.tide(r, a)
+            inverse = 1.0 / (self.distance * w)
             for i in range(3):
-                d[i] = self.R[i] + bodies.position[k, i]
-                size += d[i] * d[i]
-            size, E = sqrt(size), &bodies.turn[k, 0]
-            for i in range(3):
-                d[i] /= size
+                d[i] = inverse * (self.R[i] + r[i])
             trace = dId = 0.0
             for i in range(3):  # components along the principal axes
-                along[i] = E[i] * d[0] + E[3 + i] * d[1] + E[6 + i] * d[2]
-                trace += bodies.inertia[k, i]
-                dId += bodies.inertia[k, i] * along[i] * along[i]
-                along[i] *= bodies.inertia[k, i]
+                along_d = E[i] * d[0] + E[3 + i] * d[1] + E[6 + i] * d[2]
+                along[i] = J[i] * along_d
+                trace += J[i]
+                dId += along[i] * along_d
             for i in range(3):
                 Id[i] = E[3 * i] * along[0] + E[3 * i + 1] * along[1] + E[3 * i + 2] * along[2]
-            gradient = 3.0 * self.mu / (size * size * size)
-            bodies.torque[k, 0] += gradient * (d[1] * Id[2] - d[2] * Id[1])
-            bodies.torque[k, 1] += gradient * (d[2] * Id[0] - d[0] * Id[2])
-            bodies.torque[k, 2] += gradient * (d[0] * Id[1] - d[1] * Id[0])
+            gradient, f, t = 3.0 * self.rate / (w * w * w), &bodies.force[k, 0], &bodies.torque[k, 0]
+            t[0] += gradient * (d[1] * Id[2] - d[2] * Id[1])
+            t[1] += gradient * (d[2] * Id[0] - d[0] * Id[2])
+            t[2] += gradient * (d[0] * Id[1] - d[1] * Id[0])
             for i in range(3):
-                bodies.force[k, i] += bodies.mass[k] * a[i] - 0.5 * gradient / size * ((trace - 5.0 * dId) * d[i] + 2.0 * Id[i])
+                f[i] += bodies.mass[k] * a[i] - 0.5 * gradient * inverse * ((trace - 5.0 * dId) * d[i] + 2.0 * Id[i])
         return 0
 
     def potential(self, double time_s, Bodies bodies not None):
         """Potential of the forces and torques on the bodies at the time and state of their last evaluation, without J2, J."""
-        cdef double total = 0.0, square, q, w, size, dId, trace, along
+        cdef double total = 0.0, q, w, dId, trace, along
         cdef const double* r
         cdef const double* E
-        cdef double* R = self.R
         cdef Py_ssize_t k
         cdef int i
         self.find(time_s)
-        square = R[0] * R[0] + R[1] * R[1] + R[2] * R[2]
         for k in range(bodies.count):
             r, E = &bodies.position[k, 0], &bodies.turn[k, 0]
-            q = (r[0] * (r[0] + 2.0 * R[0]) + r[1] * (r[1] + 2.0 * R[1]) + r[2] * (r[2] + 2.0 * R[2])) / square
-            w, size = sqrt(1.0 + q), sqrt(square) * sqrt(1.0 + q)
+            q = self.excess(r)
+            w = sqrt(1.0 + q)
             dId = trace = 0.0
             for i in range(3):
-                along = (E[i] * (R[0] + r[0]) + E[3 + i] * (R[1] + r[1]) + E[6 + i] * (R[2] + r[2])) / size
+                along = E[i] * (self.R[0] + r[0]) + E[3 + i] * (self.R[1] + r[1]) + E[6 + i] * (self.R[2] + r[2])
+                along /= self.distance * w
                 dId, trace = dId + bodies.inertia[k, i] * along * along, trace + bodies.inertia[k, i]
-            total += bodies.mass[k] * self.mu / sqrt(square) * (
-                (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]) / (2.0 * square) - q * q * (2.0 + w) / (2.0 * w * (1.0 + w) * (1.0 + w))
+            total += bodies.mass[k] * self.rate * (
+                0.5 * (r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
+                - q * q * (2.0 + w) / (2.0 * w * (1.0 + w) * (1.0 + w)) / self.inverse_square
             )
-            total += self.mu / (2.0 * size * size * size) * (3.0 * dId - trace)
+            total += 0.5 * self.rate / (w * w * w) * (3.0 * dId - trace)
         return total

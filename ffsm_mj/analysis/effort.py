@@ -211,11 +211,8 @@ def _angles(quaternions: FloatArray, first: FloatArray) -> FloatArray:
     return np.asarray(4.0 * np.arctan2(np.minimum(*chords), np.maximum(*chords)))
 
 
-_OUTSIDE = (
-    "external",
-    "external_on_objects",
-    *(f"{by}_on_{of}" for by in ("fixed", "field") for of in ("robot", "objects")),
-)
+_OUTSIDE = ("external", "external_on_objects", "fixed_on_robot", "fixed_on_objects")
+_FIELDS = ("field_on_robot", "field_on_objects")
 
 
 class _OuterLoad(NamedTuple):
@@ -248,6 +245,7 @@ class MomentumExchange:
         self._events: list[Any] = []
         self._first: FloatArray | None = None
         self._last: FloatArray | None = None
+        self._place: FloatArray | None = None
 
     def open(self, header: RunHeader) -> None:
         """Find the columns of a run.
@@ -264,8 +262,15 @@ class MomentumExchange:
         self._applied = layout.places(
             f"actuators.{name}_{column}_{suffix}" for name, column, suffix in zip(names, what, suffixes, strict=True)
         )
-        there = [name for name in _OUTSIDE if f"balance.{name}_{COMPONENTS[0]}" in layout.index]
-        self._impulses = [layout.places(f"balance.{name}_{component}" for component in COMPONENTS) for name in there]
+        self._impulses, self._fields = (
+            [
+                layout.places(f"balance.{name}_{component}" for component in COMPONENTS)
+                for name in names
+                if f"balance.{name}_{COMPONENTS[0]}" in layout.index
+            ]
+            for names in (_OUTSIDE, _FIELDS)
+        )
+        self._momentum = layout.places(f"momentum.total_{component}" for component in COMPONENTS[:3])
         self._free = free_components(header.metadata, "total")[3:]
 
     def rows(self, block: FloatArray) -> None:
@@ -289,7 +294,24 @@ class MomentumExchange:
             middle = 0.5 * (before.centre + after.centre)
             self._external += changes[i, 3:] - cross(middle, changes[i, :3]) - turning
             self._by_actuator += 0.5 * float(steps[i]) * (before.moments + after.moments)
+        if self._fields:
+            self._add_fields(rows, steps)
         self._last = rows[-1].copy()
+
+    def _add_fields(self, rows: FloatArray, steps: FloatArray) -> None:
+        """Add the angular impulse of fields between rows: they act all the time, and change little from row to row.
+
+        The centre of mass moves at P / m, so no row needs its kinematics.
+        """
+        if self._place is None:
+            self._place = self._centre(self._state(rows[0]))
+        speeds = rows[:, self._momentum] / self._model.body_subtreemass[[tree.root for tree in self._system.trees]].sum()
+        moved = np.cumsum(0.5 * (speeds[1:] + speeds[:-1]) * steps[:, None], axis=0)
+        places = self._place + np.vstack((np.zeros(3), moved))
+        changes = np.sum([np.diff(rows[:, each], axis=0) for each in self._fields], axis=0)
+        middle = 0.5 * (places[1:] + places[:-1])
+        self._external += (changes[:, 3:] - np.cross(middle, changes[:, :3])).sum(axis=0)
+        self._place = places[-1]
 
     def event(self, event: Any) -> None:
         """Note the closing or release of a grasp."""

@@ -61,6 +61,12 @@ class PerturbedOrbit:
         state = np.asarray(np.polynomial.chebyshev.chebval(place, self._pieces[number]))
         return state[:3], state[3:]
 
+    def states(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The same at several times, (n, 3) each."""
+        states = [np.concatenate(self.state(float(time_s))) for time_s in times_s]
+        R, V = np.split(np.reshape(states, (-1, 6)), 2, axis=1)
+        return R, V
+
     def _integrate(self) -> None:
         """Integrate the next piece, and fit polynomials to it."""
         from scipy.integrate import solve_ivp
@@ -134,8 +140,7 @@ class Orbit:
 
     def states(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Positions in m and velocities in m/s of the origin from the central body, world axes, (n, 3) each."""
-        states = [self.reference.state(float(time_s)) for time_s in times_s]
-        return np.array([R for R, _ in states]).reshape(-1, 3), np.array([V for _, V in states]).reshape(-1, 3)
+        return self.reference.states(times_s)
 
     def lvlh(self, position: FloatArray, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
         """LVLH axes as columns in world axes, (..., 3, 3), and their angular velocity in world axes, rad/s, (..., 3).
