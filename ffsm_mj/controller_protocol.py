@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
+from ffsm_mj._core.fields import FieldForces
 from ffsm_mj._core.osdre import CommandingLaw, OutputLaw
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.config import FileName, StrictModel
@@ -194,6 +195,8 @@ class ControllerContext:
         sensors: Sensors of the robot and its objects by full name, with their timing and errors.
         recorded: Tables of the files that the configuration of the law names, by their keys in it (``FileName``).
         grasped: Of an estimator: the systems with a grasped object by the name of the grasp, as control laws know them.
+        external_field: External fields in that model: ``add_to(data, force)`` adds their generalised forces at the state
+            in ``data``, (nv,); None: there are none.
     """
 
     system: System
@@ -204,6 +207,7 @@ class ControllerContext:
     sensors: Mapping[str, Sensor] = field(default_factory=dict)
     recorded: Mapping[str, RecordedTable] = field(default_factory=dict)
     grasped: Mapping[str, System] = field(default_factory=dict)
+    external_field: FieldForces | None = None
 
 
 class Observation(NamedTuple):

@@ -39,7 +39,7 @@ class JointModel:
         M_c: Reduced mass matrix in kg m^2 (hinges), (n, n): M_c qdd_a + c_c = u.
         c_c: Reduced bias in N m, (n,).
         mobility: Accelerations of all dofs per unit effort at each driven joint, (n, nv).
-        coasting: Accelerations of all dofs where nothing pushes, also of floating objects, (nv,).
+        coasting: Accelerations of all dofs where nothing pushes but external fields, also of floating objects, (nv,).
     """
 
     def __init__(self, context: ControllerContext, joints: Sequence[str] | None = None) -> None:
@@ -60,7 +60,7 @@ class JointModel:
         # One solve by the factors of M: for unit efforts at the driven joints, and for what acts without any.
         self._forces, self._answers = np.zeros((n + 1, nv)), np.zeros((n + 1, nv))
         self._forces[range(n), self.joints.dofs] = 1.0
-        self._pushed = np.empty((1, nv))
+        self._pushed, self._field = np.empty((1, nv)), context.external_field
 
     def update(self, data: Any, pushed: FloatArray | None = None) -> None:
         """Work everything out at the state in ``data``, whose derived quantities must be current.
@@ -71,6 +71,8 @@ class JointModel:
         """
         dofs = self.joints.dofs
         np.subtract(data.qfrc_passive, data.qfrc_bias, out=self._forces[-1])
+        if self._field is not None:
+            self._field.add_to(data, self._forces[-1])
         if pushed is not None:
             self._forces[-1] += pushed
         self._constrained.respond(data, self._forces, self._answers)

@@ -106,9 +106,11 @@ cdef class FieldForces:
             self.generalise(&applied[0])
         return 0
 
-    def add_to(self, double[::1] applied not None):
-        """Add the generalised forces at the state of the motion, (nv,)."""
-        self.evaluate(self.data)
+    def add_to(self, data, double[::1] applied not None):
+        """Add the generalised forces at the state in ``data``, derived quantities current, to an array, (nv,)."""
+        if len(applied) != self.dof_bodies.shape[0]:
+            raise ValueError(f"an array of {len(applied)} for {self.dof_bodies.shape[0]} degrees of freedom")
+        self.evaluate(data)
         self.generalise(&applied[0])
 
     def evaluate_now(self):

@@ -1,3 +1,4 @@
+from ffsm_mj._core.fields cimport FieldForces
 from ffsm_mj._core.functions cimport mjData, mjModel
 from ffsm_mj._core.tick cimport Limits, TickLaw
 
@@ -23,6 +24,11 @@ cdef class OutputLaw:
     cdef double[::1] qvel, bias, passive, u, figures, extremes, lengths
     cdef bint whole_stack
     cdef double damping
+    cdef double[::1] pushed
+    cdef object data
+    cdef FieldForces field
+
+    cdef int push(self) except -1
 
     cdef Py_ssize_t outputs(self, riccati) except -1
     cdef object begin(self, axes, target_m)

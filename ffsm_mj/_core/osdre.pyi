@@ -4,6 +4,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from ffsm_mj._core.fields import FieldForces
 from ffsm_mj._core.riccati_doubling import Doubling
 from ffsm_mj._core.riccati_planar import PlanarRiccati
 from ffsm_mj._core.tick import TickLaw
@@ -33,6 +34,7 @@ class OutputLaw(Generic[Riccati]):
         whole_stack: bool,
         extremes: FloatArray,
         damping: float,
+        field: FieldForces | None = None,
     ) -> None: ...
     def tick(self) -> None: ...
 

@@ -168,6 +168,7 @@ cdef class OutputLaw:
         bint whole_stack,
         double[::1] extremes not None,
         double damping,
+        FieldForces field=None,
     ):
         cdef Py_ssize_t p = self.outputs(riccati)
         if driven.shape[1] != len(data.qvel) or not kinematics.rows.shape[0] == len(axes) == len(target_m) == p:
@@ -175,6 +176,7 @@ cdef class OutputLaw:
         self.kinematics, self.driven, self.whole_stack = kinematics, driven, whole_stack
         self.extremes, self.damping = extremes, damping
         self.qvel, self.bias, self.passive = data.qvel, data.qfrc_bias, data.qfrc_passive
+        self.pushed, self.data, self.field = np.zeros(len(data.qvel)), data, field
         self.gains, self.effort = np.zeros((driven.shape[0], p)), np.zeros(driven.shape[0] // 2)
         self.rows, self.lengths = np.zeros((p, len(self.effort))), np.zeros(p)
         self.damped = np.zeros((2, len(self.effort)))
@@ -196,6 +198,14 @@ cdef class OutputLaw:
     cdef object begin(self, axes, target_m):
         """Take outputs and target; returns the memory of the report."""
         raise NotImplementedError
+
+    cdef int push(self) except -1:
+        """Evaluate the forces of external fields at the current state."""
+        if self.field is not None:
+            self.pushed[:] = 0.0
+            self.field.evaluate(self.data)
+            self.field.generalise(&self.pushed[0])
+        return 0
 
     cdef void finish(self) noexcept:
         """Take the damping off, except what of it the output feels, which is along ``rows``; note the report."""
@@ -270,6 +280,7 @@ cdef class PlanarLaw(OutputLaw):
         cdef double residual
         cdef bint fallback
         tip.update()
+        self.push()
         for i in range(2 * n):
             self.gains[i, 0] = self.gains[i, 1] = 0.0
             for j in range(self.qvel.shape[0]):
@@ -283,7 +294,7 @@ cdef class PlanarLaw(OutputLaw):
             b1 += self.gains[i, 0] * self.gains[i, 1]
             b3 += self.gains[i, 1] * self.gains[i, 1]
         for j in range(self.qvel.shape[0]):
-            force = self.bias[j] - self.passive[j]
+            force = self.bias[j] - self.passive[j] - self.pushed[j]
             v0 += tip.rows[0, j] * self.qvel[j]
             v1 += tip.rows[1, j] * self.qvel[j]
             d0 += tip.dot[self.first, j] * self.qvel[j] - tip.w[0, j] * force
@@ -328,6 +339,7 @@ cdef class BlockLaw(OutputLaw):
         cdef Py_ssize_t i, j, k, p = riccati.p, n = self.u.shape[0]
         cdef double square, residual, asked, distance = 0.0, smallest
         self.kinematics.update()
+        self.push()
         square = self.reduce()
         for i in range(p):
             for j in range(p):
@@ -365,7 +377,7 @@ cdef class BlockLaw(OutputLaw):
             self.y[i], self.y_dot[i], self.drift[i] = tip.place[tip.axes[i]], 0.0, 0.0
             for j in range(self.qvel.shape[0]):
                 self.y_dot[i] += tip.rows[i, j] * self.qvel[j]
-                self.drift[i] += tip.dot[tip.axes[i], j] * self.qvel[j] - tip.w[i, j] * (self.bias[j] - self.passive[j])
+                self.drift[i] += tip.dot[tip.axes[i], j] * self.qvel[j] - tip.w[i, j] * (self.bias[j] - self.passive[j] - self.pushed[j])
             square += self.y_dot[i] * self.y_dot[i]
             if self.whole_stack:
                 square += self.y[i] * self.y[i]

@@ -301,16 +301,24 @@ class MomentumExchange:
     def _add_fields(self, rows: FloatArray, steps: FloatArray) -> None:
         """Add the angular impulse of fields between rows: they act all the time, and change little from row to row.
 
-        The centre of mass moves at P / m, so no row needs its kinematics.
+        The centre of mass c moves at P / m, so no row needs its kinematics; the force F is the slope of the impulse. Of
+        c x F with both linear between rows see :meth:`rows`.
         """
         if self._place is None:
             self._place = self._centre(self._state(rows[0]))
-        speeds = rows[:, self._momentum] / self._model.body_subtreemass[[tree.root for tree in self._system.trees]].sum()
-        moved = np.cumsum(0.5 * (speeds[1:] + speeds[:-1]) * steps[:, None], axis=0)
+        if len(rows) < 2:
+            return
+        mass = float(self._model.body_subtreemass[[tree.root for tree in self._system.trees]].sum())
+        speeds, dt = rows[:, self._momentum] / mass, steps[:, None]
+        impulses = np.sum([rows[:, each] for each in self._fields], axis=0)
+        changes = np.diff(impulses, axis=0)
+        with np.errstate(all="ignore"):  # a damaged log may repeat a time; what is not finite is no summary
+            forces = np.gradient(impulses[:, :3], rows[:, self._time], axis=0, edge_order=2 if len(rows) > 2 else 1)
+        turned = np.diff(forces, axis=0)
+        moved = np.cumsum(0.5 * (speeds[1:] + speeds[:-1]) * dt - turned * dt**2 / (12.0 * mass), axis=0)
         places = self._place + np.vstack((np.zeros(3), moved))
-        changes = np.sum([np.diff(rows[:, each], axis=0) for each in self._fields], axis=0)
-        middle = 0.5 * (places[1:] + places[:-1])
-        self._external += (changes[:, 3:] - np.cross(middle, changes[:, :3])).sum(axis=0)
+        middle, turning = 0.5 * (places[1:] + places[:-1]), np.cross(np.diff(places, axis=0), turned) * dt / 12.0
+        self._external += (changes[:, 3:] - np.cross(middle, changes[:, :3]) - turning).sum(axis=0)
         self._place = places[-1]
 
     def event(self, event: Any) -> None:

@@ -35,6 +35,7 @@ from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Row
 from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.scenario.source import YamlSource
+from ffsm_mj.simulation.fields import ExternalFields
 from ffsm_mj.simulation.plant import Plant
 from ffsm_mj.simulation.progress import Start
 
@@ -253,6 +254,7 @@ def _contexts(
 ) -> dict[str, ControllerContext]:
     """What control laws are made for: in the scene (empty name), and while an object is grasped, by the grasp's name."""
     systems = {"": system} | {name: grasped.controller_system or grasped.system for name, grasped in grasped_systems.items()}
+    fields = next((source for source in plant.integrator.sources if isinstance(source, ExternalFields)), None)
     return {
         name: ControllerContext(
             grasped,
@@ -260,6 +262,7 @@ def _contexts(
             scenario.control_period_s,
             limits=plant.actuation.envelope,
             sensors=plant.sampler.by_name if plant.sampler is not None else {},
+            external_field=None if fields is None else fields.forces_in(grasped),
         )
         for name, grasped in systems.items()
     }

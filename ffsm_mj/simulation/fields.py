@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from ffsm_mj._core.fields import Bodies, CompiledField, FieldForces
@@ -62,6 +63,14 @@ class ExternalFields(ForceSource):
             motion.field = FieldForces(motion.model, motion.data, ids, self._trees, bodies, self._fields, self.done)
         self.forces = motion.field
 
+    def forces_in(self, system: System) -> FieldForces:
+        """The forces in another system with the same bodies, as a control law knows it, at the state in any data of it."""
+        names = self.forces.bodies.names
+        ids = [system.index("body", name) for name in names]
+        bodies = Bodies(names, system.mj.body_mass[ids], system.mj.body_inertia[ids])
+        done, data = np.zeros((1, 7)), mujoco.MjData(system.mj)
+        return FieldForces(system.mj, data, ids, [0] * len(ids), bodies, self._fields, done)
+
     def get_state(self) -> dict[str, Any]:
         """What fields of packages remember: those that say so have a state, others must not."""
         return get_states(self._stateful)
@@ -76,7 +85,7 @@ class ExternalFields(ForceSource):
 
     def add_forces(self, applied: FloatArray) -> None:
         """Add the same to generalised forces, (nv,) of the motion."""
-        self.forces.add_to(applied)
+        self.forces.add_to(self.motion.data, applied)
 
     def wrenches(self, data: Any) -> Sequence[Wrench]:  # noqa: ARG002
         """Force and torque on each body of the logged system, at its mass centre."""

@@ -83,3 +83,6 @@ class FrozenPulse(Pulse):
     def add_wrenches(self, time_s: float, bodies: Bodies) -> None:
         # The last stage has the time of the next step's start, whose first stage has the same.
         super().add_wrenches(np.floor(time_s / self._step_s + 1e-9) * self._step_s, bodies)
+
+
+FIELDS_OF_TESTS = (DragConstant, Stirring, Pulse, FrozenPulse)

@@ -99,7 +99,7 @@ class Osdre(Stateful):
         if context.task is None:
             raise ScenarioFaults([Fault("osdre needs a 'task' with tip, axes and target", ("kind",))])
         system, self._task = context.system, context.task
-        self._model = system.mj
+        self._model, self._external_field = system.mj, context.external_field
         self._joints = driven_joints(system, config.joints, reserved=context.reserved)
         self._actuators = compact(self._joints.actuators)
         p = len(self._task.axes)
@@ -135,7 +135,7 @@ class Osdre(Stateful):
         target, driven = self._task.target_m.tolist(), np.vstack((self._driven, self._driven_R))
         kinematics = TipKinematics(self._model, data, site, axes)
         self._law: BlockLaw | MovingLaw | PlanarLaw
-        bound = driven, axes, target, self._whole_stack, self._extremes, self._damping
+        bound = driven, axes, target, self._whole_stack, self._extremes, self._damping, self._external_field
         if self._moving is not None:
             riccati = Doubling(self._Q)
             damping = self._damping * self._driven
