@@ -310,7 +310,7 @@ class MomentumExchange:
             return
         mass = float(self._model.body_subtreemass[[tree.root for tree in self._system.trees]].sum())
         speeds, dt = rows[:, self._momentum] / mass, steps[:, None]
-        impulses = np.sum([rows[:, each] for each in self._fields], axis=0)
+        impulses = np.sum([rows[:, places] for places in self._fields], axis=0)
         changes = np.diff(impulses, axis=0)
         with np.errstate(all="ignore"):  # a damaged log may repeat a time; what is not finite is no summary
             forces = np.gradient(impulses[:, :3], rows[:, self._time], axis=0, edge_order=2 if len(rows) > 2 else 1)
