@@ -54,18 +54,18 @@ def test_points_together_have_the_rows_of_each_by_itself(resting):
     together = RowEvaluator(motion, data, points)
     alone = [RowEvaluator(motion, data, [point]) for point in points]
     one, each = together.rows(), [evaluator.rows() for evaluator in alone]
-    for name in ("J", "gamma", "response", "gaps", "rates", "scales", "insides", "normals", "points"):
+    for name in ("J", "gamma", "response", "gaps", "rates", "scales", "insides"):
         agree(np.array(getattr(one, name)), np.concatenate([np.array(getattr(rows, name)) for rows in each]), 1e-13)
     agree(one.response, np.linalg.solve(mass_matrix(motion.model, data), one.J.T).T)
     agree(one.G, one.J @ one.response.T)
     along = np.linspace(-1.0, 1.0, len(one.J))
     parts = [np.array(rows.wrenches(part)) for rows, part in zip(each, np.split(along, k), strict=True)]
     agree(np.array(one.wrenches(along)).sum(axis=0), np.sum(parts, axis=0).sum(axis=0))
-    normal = np.array(one.normals)
+    normal, places = one.axes[:, 0], np.concatenate([group.points for group in one.groups])
     agree(one.slips, (one.J @ data.qvel).reshape(-1, 3)[:, 1:])
     assert one.largest_slip(np.arange(k) < 2) == pytest.approx(np.abs(one.slips[:2]).max(), rel=1e-12)
     pushed, rubbed = np.linspace(1.0, 2.0, k), np.linspace(-1.0, 1.0, 3 * k).reshape(k, 3)
-    resultant = pushed @ normal + rubbed.sum(axis=0), pushed @ one.points / pushed.sum(), normal[0]
+    resultant = pushed @ normal + rubbed.sum(axis=0), pushed @ places / pushed.sum(), normal[0]
     for own, expected in zip(one.resultant(slice(0, k), pushed, rubbed), resultant, strict=True):
         agree(own, expected)
     terms = np.abs(one.response * force).reshape(k, -1).max(axis=1)

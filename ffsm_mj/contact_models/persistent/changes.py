@@ -13,7 +13,8 @@ import numpy as np
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
 from ffsm_mj.contact_models.interface import EventTime, LoggedEvent, Scene, event_fields
-from ffsm_mj.contact_models.persistent.closed_contacts import ClosedContacts, points_at_rest, switched_rate_tolerance
+from ffsm_mj.contact_models.persistent.closed_contacts import ClosedContacts
+from ffsm_mj.contact_models.persistent.closing import points_at_rest, switched_rate_tolerance
 from ffsm_mj.contact_models.persistent.columns import ContactReport, LimitReport
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.friction.modes import Mode

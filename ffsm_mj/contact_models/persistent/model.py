@@ -49,8 +49,8 @@ from ffsm_mj.contact_models.persistent.changes import (
     listed_pairs,
     name_of,
 )
-from ffsm_mj.contact_models.persistent.closed_contacts import (
-    ClosedContacts,
+from ffsm_mj.contact_models.persistent.closed_contacts import ClosedContacts
+from ffsm_mj.contact_models.persistent.closing import (
     closed_after_change,
     closed_and_still,
     closed_at,
@@ -60,8 +60,9 @@ from ffsm_mj.contact_models.persistent.closed_contacts import (
 )
 from ffsm_mj.contact_models.persistent.columns import ContactReport, LimitReport, StepAccount
 from ffsm_mj.contact_models.persistent.exchange import Shares
-from ffsm_mj.contact_models.persistent.force_check import ForceCheck, RecordAccuracy, varied_forces
+from ffsm_mj.contact_models.persistent.force_check import ForceCheck
 from ffsm_mj.contact_models.persistent.record import FRICTION_KINDS, LIMIT_KINDS
+from ffsm_mj.contact_models.persistent.rounding_of_forces import RecordAccuracy, varied_forces
 from ffsm_mj.contact_models.state_projection import StateProjection
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.projection import ClosedRows, needs_projection

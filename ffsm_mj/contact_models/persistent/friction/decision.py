@@ -20,8 +20,8 @@ from ffsm_mj.contact_models.persistent.friction.modes import (
     sliding,
     unit_slips,
 )
+from ffsm_mj.contact_models.persistent.friction.pair_friction import FrictionOfPairs
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, Solution, slip_directions
-from ffsm_mj.contact_models.persistent.friction.report import FrictionOfPairs
 from ffsm_mj.records.events import Outcome, RunEnded
 
 if TYPE_CHECKING:

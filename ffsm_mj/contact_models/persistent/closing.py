@@ -1,0 +1,134 @@
+"""When a pair closes, and where: tolerances on its gap rate, features that touch at rest or separate slowly, refusals."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator, Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from ffsm_mj.contact.features.gap_function import FeatureState
+from ffsm_mj.contact.features.search import features, features_at_rest
+from ffsm_mj.contact.joint_limit import JointLimit
+from ffsm_mj.contact.pairs import UnilateralConstraint
+from ffsm_mj.contact.proximity import Proximity
+from ffsm_mj.contact_models.impact.resolution import ClosedPairs
+from ffsm_mj.contact_models.interface import Scene
+from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
+from ffsm_mj.dynamics.motion import Motion
+from ffsm_mj.tolerances import (
+    CLEARLY_APART_M,
+    CLOSED_RATE,
+    CONTACT_GAP_M,
+    FEATURE_BOUND_M,
+    PARALLEL,
+    RATE,
+)
+
+ClosingPair: TypeAlias = tuple[UnilateralConstraint, Proximity, float]
+"""A pair, its gap and normal, and the gap rate in m/s below which it is at rest."""
+_REST_SHARE = 1e-9
+"""Post-impact normal velocities below this share of the approach velocity are rounding: the contact is at rest."""
+_LEAST_RADIUS_M = 1e-4
+"""Smallest radius of curvature assumed where a rounded geom slides over an edge, m."""
+_OTHER_MODEL = "the motion uses another model than the scenario's, and no grasp of the scenario is closed in it"
+_SLOW_M_S = 1e-3
+"""Only contacts that separate below this speed may stay closed for their small lift-off."""
+
+
+def rate_tolerance(near: Proximity, approach: float) -> float:
+    """Gap rates below this are rounding after an impact with a given approach speed, m/s."""
+    return near.rate_tolerance + _REST_SHARE * approach
+
+
+def closed_rate_tolerance(near: Proximity) -> float:
+    """The same for a closed pair: its gap rate drifts by the truncation error of a step until the next projection."""
+    return CLOSED_RATE / RATE * near.rate_tolerance
+
+
+def switched_rate_tolerance(near: Proximity) -> float:
+    """The same for a pair that left a feature by FEATURE_BOUND_M: on a round geom the normal has turned by that / radius."""
+    return FEATURE_BOUND_M / _LEAST_RADIUS_M / RATE * near.rate_tolerance
+
+
+def closed_and_still(near: Proximity, still: float) -> bool:
+    """Whether a pair is in contact and one of its points neither approaches nor separates."""
+    return near.gap <= CONTACT_GAP_M and bool(np.abs(near.rates).min() <= still)
+
+
+def closed_after_change(pairs: ClosedPairs, closed: Collection[UnilateralConstraint]) -> Iterator[ClosingPair]:
+    """Pairs in contact after a change of motion; those in ``held`` were closed before it."""
+    for pair, near in pairs:
+        # A deeper overlap at release is not a closed contact: the impact model resolves it.
+        if abs(near.gap) <= CONTACT_GAP_M:
+            yield pair, near, closed_rate_tolerance(near) if pair in closed else near.rate_tolerance
+
+
+def closed_at(
+    scene: Scene, pairs: Sequence[UnilateralConstraint], closed: Sequence[UnilateralConstraint]
+) -> Iterator[ClosingPair]:
+    """Pairs near contact at the state in ``data``; those in ``held`` were closed before it."""
+    model, data = scene.system.mj, scene.data
+    for pair in pairs:
+        if pair.gap(model, data, 1.0) <= CLEARLY_APART_M:
+            near = pair.proximity(model, data)
+            yield pair, near, closed_rate_tolerance(near) if pair in closed else near.rate_tolerance
+
+
+def refusal_in(motion: Motion, scene: Scene) -> str:
+    """Why no pair of a scene can stay in contact in a motion; empty if all can."""
+    if motion.data is not scene.data and not motion.grasp:
+        return _OTHER_MODEL
+    return ""
+
+
+def points_at_rest(scene: Scene, pair: UnilateralConstraint, near: Proximity, still: float) -> tuple[ContactPoint, ...]:
+    """Features of a pair with gap 0 and a gap rate of at most ``still`` in m/s.
+
+    Args:
+        scene: The logged system and its data.
+        pair: Two geoms, or a joint limit.
+        near: Their proximity at the state in ``data``.
+        still: Gap rates within this of zero are rounding.
+    """
+    data = scene.data
+    if isinstance(pair, JointLimit):
+        return (ContactPoint(pair, pair.feature),) if abs(near.rate) <= still else ()
+
+    def is_still(at: FeatureState) -> bool:
+        if abs(at.rate) <= still:
+            return True
+        # An edge that lies on a cap is parallel to it only to about 1e-10 rad, and the normals at its ends differ by as
+        # much. Impacts act along the normal of the pair: at a slip of 0.3 m/s they leave gap rates of 3e-11 m/s. The
+        # normals at both ends of round sides along each other differ by more.
+        parallel = math.dist(at.normal, near.normal) <= max(PARALLEL, pair.flush_angle)
+        place = near.point_at(at.point, pair.flush_offset)
+        return parallel and abs(pair.rate_along(data, near.normal, place)) <= still
+
+    resting = features_at_rest(pair, scene.system.mj, data, near, is_still)
+    return tuple(ContactPoint(pair, feature) for feature in resting)
+
+
+def slow_points(
+    scene: Scene, pairs: Sequence[tuple[UnilateralConstraint, Proximity]], closed: Sequence[ContactPoint]
+) -> list[tuple[ContactPoint, float]]:
+    """Contact points of some pairs that separate slowly, with the rates of their gaps, m/s; without those held already."""
+    model, data = scene.system.mj, scene.data
+    points = [
+        ContactPoint(pair, feature)
+        for pair, near in pairs
+        for feature in ((pair.feature,) if isinstance(pair, JointLimit) else features(pair, model, data, near))
+    ]
+    return [
+        (contact, at.rate)
+        for contact in points
+        if 0.0 < (at := contact.feature.at(data)).rate <= _SLOW_M_S and not _is_among(closed, contact, at, data)
+    ]
+
+
+def _is_among(points: Sequence[ContactPoint], new: ContactPoint, at: FeatureState, data: Any) -> bool:
+    """Whether some contact points have one at this position, or this joint limit."""
+    if isinstance(new.pair, JointLimit):
+        return any(contact.pair is new.pair for contact in points)
+    return any(math.dist(contact.feature.at(data).point, at.point) < FEATURE_BOUND_M for contact in points)
