@@ -22,6 +22,8 @@ from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint, over_one_face
 from ffsm_mj.tolerances import FLAT_M, LANDING_DEPTH_M, OTHER_POINT_M
 
+_OVERLAPS_M = 0.5 * OTHER_POINT_M
+"""Another point overlaps from here on, half of what ends a step: whatever the rounding of its end, it does there."""
 LEVEL_M = 0.1 * OTHER_POINT_M
 """Three corners within this of a face keep every other corner within OTHER_POINT_M of it, at ten times their distance."""
 _NARROW = 0.1
@@ -33,6 +35,8 @@ GapsOf = Callable[[ContactPair], Sequence[float]]
 _TILT_SHARE = 0.2
 """A step ends early where the tilt of a rim over a face has changed by this share: forces grow as its inverse, and the steps
 of a disc that falls flat must shrink with it. RK4 then errs by about 0.2^5 / 120 of them."""
+_USED_UP = 0.01
+"""Share of that change which is left, at most, where it has ended the step: the time of its end is known far better."""
 _TURN = 0.02
 """Angle in rad by which the contact point of a rim travels round it in one step, where it would travel by more than 1 rad in
 the time step: the force is then an impulse, which leaves an error of 1e-10 of its energy. A tilt that falls straight to zero
@@ -96,7 +100,7 @@ class Clearance:
         """
         data = self._scene.data
         gap = pair.gap(self._model, data, 1.0)
-        if gap > -0.5 * OTHER_POINT_M:
+        if gap > -_OVERLAPS_M:
             return gap
         near = pair.proximity(self._model, data)
         passed = near.gap < -max(LANDING_DEPTH_M, pair.position_tolerance)
@@ -109,7 +113,7 @@ class Clearance:
             feature
             for pair in self.pairs
             for feature in features(pair, model, data, pair.proximity(model, data))
-            if feature.at(data).gap < min([0.0, *gaps_of(pair)]) - 0.5 * OTHER_POINT_M
+            if feature.at(data).gap < min([0.0, *gaps_of(pair)]) - _OVERLAPS_M
         ]
 
 
@@ -191,4 +195,4 @@ class Tilts:
 
     def pairs_at_limit(self) -> list[UnilateralConstraint]:
         """Pairs with a rim whose tilt has changed to the limit of a step."""
-        return [contact.pair for contact, left, most in self._left() if left < 0.01 * most]
+        return [contact.pair for contact, left, most in self._left() if left < _USED_UP * most]

@@ -42,6 +42,9 @@ from ffsm_mj.tolerances import (
 )
 
 Points: TypeAlias = tuple[ContactPoint, ...]
+_AT_BOUND = 0.99
+"""A drift that ends a step is located at its bound, to the rounding of the time: it has reached this share, however a replay
+rounds."""
 _PATCH_POINTS = 3
 """Contact points of two convex geoms are corners of a convex polygon or ends of a line: three are not on a line."""
 
@@ -480,8 +483,8 @@ class ClosedContacts:
 
     def pairs_with_drift(self) -> list[UnilateralConstraint]:
         """Pairs with a gap, or its rate, that has drifted to the limit of a step."""
-        gaps = self._pairs_where(lambda rows: [abs(gap) > 0.99 * DRIFT_M for gap in rows.gaps])
-        rates = self._pairs_where(lambda rows: [abs(rate) > 0.99 * DRIFT_M_S for rate in rows.rates])
+        gaps = self._pairs_where(lambda rows: [abs(gap) > _AT_BOUND * DRIFT_M for gap in rows.gaps])
+        rates = self._pairs_where(lambda rows: [abs(rate) > _AT_BOUND * DRIFT_M_S for rate in rows.rates])
         return list(dict.fromkeys([*gaps, *rates]))
 
     def pairs_with_tilt(self) -> list[UnilateralConstraint]:

@@ -1,8 +1,6 @@
 """Log columns and event records: of closed contacts their forces and places, of joints at limits their states and forces.
 
 Columns of contacts are by rule, records by pair.
-
-Account of a (sub-)step of the closed contacts of a scene, from its stages: what is exchanged, slip, heat and overlap.
 """
 
 from __future__ import annotations

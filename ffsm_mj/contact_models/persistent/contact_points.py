@@ -1,17 +1,4 @@
-"""Contact points, which of them are evaluated together on one face, and rows and rates of a single one.
-
-Two bodies that are held at three points of a flat patch do not tilt relative to each other: their normals turn alike. The
-second rates of all gaps of a patch are taken with the normal of body a, so that they are affine in the place to rounding.
-The exact second rate at a point that moves over both bodies, as where two edges cross, differs by its speed times their rate
-of tilt. To rounding the latter is that of a gap over the width of the patch, and in a patch that slides over the edge of a
-face both would grow without bound: a tilt times the width, which is a difference of gaps, would be kept constant.
-
-The velocity along an axis d at the arm r from the centre of the twist (omega, v) is d . (v + omega x r) = (r x d) . omega +
-d . v: the row (r x d, d) is the moment and the force of a unit force along d there. The same row takes the rates of a twist
-to accelerations and, transposed, a force at the point to its resultant.
-
-Contact points at one state: gaps, rows of their rates, and resultants of the forces on them.
-"""
+"""Contact points, which of them are evaluated together on one face, and rows and rates of a single one."""
 
 from __future__ import annotations
 
@@ -84,6 +71,10 @@ class SinglePoint:
 class SingleState:
     """A contact point at one state, as a group of one: m = 1. Points over one face are a group of the core.
 
+    The velocity along an axis d at the arm r from the centre of the twist (omega, v) is d . (v + omega x r) = (r x d) .
+    omega + d . v: the row (r x d, d) is the moment and the force of a unit force along d there. The same row takes the rates
+    of a twist to accelerations and, transposed, a force at the point to its resultant.
+
     Attributes:
         count: Number of points, m.
         states: States of the features.
@@ -150,7 +141,15 @@ def _acceleration(axis: Vector, body: BodyTwist, point: FloatArray) -> float:
 
 
 def _in_patch(state: FeatureState, twist: PairTwist) -> FeatureState:
-    """The state of a point of a flat patch, whose normal turns with body a."""
+    """The state of a point of a flat patch, whose normal turns with body a.
+
+    Two bodies that are held at three points of a flat patch do not tilt relative to each other: their normals turn alike.
+    The second rates of all gaps of a patch are taken with the normal of body a, so that they are affine in the place to
+    rounding. The exact second rate at a point that moves over both bodies, as where two edges cross, differs by its speed
+    times their rate of tilt. To rounding the latter is that of a gap over the width of the patch, and in a patch that slides
+    over the edge of a face both would grow without bound: a tilt times the width, which is a difference of gaps, would be
+    kept constant.
+    """
     (x, y, z), (i, j, k) = state.point.tolist(), state.normal.tolist()
     w = shifted(twist.velocity, 1.0, cross(twist.omega, minus((x, y, z), twist.b.centre)))
     bend = 2.0 * dot(cross(twist.a.omega, (i, j, k)), w)

@@ -91,7 +91,7 @@ class RuleTables(NamedTuple):
     Attributes:
         values: Columns of each rule, (n, columns).
         rows: Row of each rule.
-        friction_values: The same of the rules with friction, see ``friction/report.py``.
+        friction_values: The same of the rules with friction, see :mod:`.friction.report`.
         friction_rows: Row of each of them.
         work_J: Work of the forces of contacts with friction, (1,).
     """

@@ -31,6 +31,8 @@ _CONVERGED, _DIVERGED = 1e-10, 10.0
 """Once below the first, the error falls until rounding stops it: iterations end where it is the second times its least."""
 _LARGEST = 1e12
 """Unknowns, in units of the largest force given, beside which rounding leaves 1e-4 of it: they have no solution of use."""
+_INSIDE = 1e-3
+"""Least depth of the first estimate in all cones, in units of the largest force: on a boundary the scaling is singular."""
 _STEP = 0.99
 """Share of the step to the boundary of the cones that is taken."""
 _CAP = 10.0
@@ -203,7 +205,7 @@ def _determinant(s: FloatArray) -> FloatArray:
 def _interior(s: FloatArray) -> FloatArray:
     """The same point, moved along the axes of the cones until all are well inside."""
     least = _depth(s)
-    shift = 0.0 if least > 1e-3 else 1.0 - least
+    shift = 0.0 if least > _INSIDE else 1.0 - least
     return s + shift * np.array((1.0, 0.0, 0.0))
 
 

@@ -313,6 +313,14 @@ class StepRule(NamedTuple):
 def step_rule(decision: Decision, last: Layers | None, left_s: float, time_s: float, efforts: bytes) -> StepRule:
     """What limits a (sub-)step for the points that slide in two directions.
 
+    Friction turns the slip u at the rate (k + |f|) / |u|, with k = mu N times the inverse mass and the slip acceleration f.
+    A slip in a wrong direction, as rounding, an impact or a jump of the efforts leaves it, is thus turned within a layer of
+    some |u| / k, within which steps must follow it. The component across the direction to which it turns, the deviation,
+    falls with exp(-integral of k / |u| dt). Behind the layer, where none is left, the slip is as smooth as the forces, and
+    only explicit stages would have to follow the rate.
+
+    Its compiled twin for explicit steps of points that slide on is ``allows_step`` in ``_core/slip_layers.pyx``.
+
     Args:
         decision: Choice of modes at the start of the step.
         last: Layers at the start of the step before.

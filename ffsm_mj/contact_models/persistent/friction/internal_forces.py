@@ -130,7 +130,10 @@ def _weights(limits: FloatArray) -> FloatArray:
 
 
 def limit_ratios(forces: FloatArray, mu: FloatArray) -> list[float]:
-    """Ratios of friction to its limit; infinite where a normal force pulls, zero where there is no friction but rounding."""
+    """Ratios of friction to its limit; infinite where a normal force pulls, zero where there is no friction but rounding.
+
+    Its compiled twin is ``largest_ratio`` in ``_core/contacts.pyx``.
+    """
     rounding = FRICTION_ROUNDING * float(np.abs(forces).max(initial=0.0))
     ratios = []
     for (normal, *across), coefficient in zip(forces.tolist(), mu.tolist(), strict=True):

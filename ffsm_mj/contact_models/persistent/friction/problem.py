@@ -12,27 +12,6 @@ rows that are held and D those along which forces act, the conditions R are line
 Rows of redundant points are dependent. Forces are then those of equal springs at all points: they lie in the range of R M^-1
 R^T, which is the least norm without friction and for points that stick. The rank of this matrix belongs to a state, not to
 the modes: a patch that slides over the edge of a face shrinks to a line or to a point within a step.
-
-Points that slide in a step: forces in its stages, slips at the nodes of an implicit one, and how long it may be.
-
-Friction turns the slip u at the rate (k + |f|) / |u|, with k = mu N times the inverse mass and the slip acceleration f. A
-slip in a wrong direction, as rounding, an impact or a jump of the efforts leaves it, is thus turned within a layer of some
-|u| / k, within which steps must follow it. The component across the direction to which it turns, the deviation, falls with
-exp(-integral of k / |u| dt). Behind the layer, where none is left, the slip is as smooth as the forces, and only explicit
-stages would have to follow the rate.
-
-At the nodes of an implicit step slips and friction depend on each other. The velocities there are those that the
-accelerations there lead to, so the slips u of the points that slide satisfy
-
-    u_i = p_i + sum_j W_ij f_j(d_j),   d = u / |u|
-
-with the slip acceleration f under friction against the directions d, normal forces N(d) and those of sticking points
-included. Onset and end of slip make it hard: friction damps a turn of the slip at the rate mu N / |u|, without bound, and
-next to the limit of friction the direction of an estimate says nothing of that of the slip: Newton's method on angles
-fails. The unknown is therefore z = u + k d, the slip and what friction takes of it, with k near W_ii mu N G_tt: d = z / |z|
-stays regular as the slip vanishes, and where |z| < k friction stops the point and d = z / k is the share of it that does
-so. This is the projection of Alart & Curnier (Comput. Methods Appl. Mech. Eng. 92, 1991), whose equations Newton's method
-solves.
 """
 
 from __future__ import annotations
@@ -295,6 +274,8 @@ def slip_directions(
 ) -> tuple[FloatArray, float]:
     """Directions of slip within a step: along the slip, with the sense that it had at the start of the step.
 
+    Its compiled twin is ``directions_of_slip`` in ``_core/contacts.pyx``.
+
     A stage beyond the time at which a point stops then keeps the sense of its friction, and the slip along the direction at
     the start passes through zero smoothly.
 
@@ -333,7 +314,21 @@ _CANCELS = 64.0
 
 
 class StageEquation:
-    """The equations for the slips of m points at n nodes, in given modes."""
+    """The equations for the slips of m points at n nodes, in given modes.
+
+    At the nodes of an implicit step slips and friction depend on each other. The velocities there are those that the
+    accelerations there lead to, so the slips u of the points that slide satisfy
+
+        u_i = p_i + sum_j W_ij f_j(d_j),   d = u / |u|
+
+    with the slip acceleration f under friction against the directions d, normal forces N(d) and those of sticking points
+    included. Onset and end of slip make it hard: friction damps a turn of the slip at the rate mu N / |u|, without bound,
+    and next to the limit of friction the direction of an estimate says nothing of that of the slip: Newton's method on
+    angles fails. The unknown is therefore z = u + k d, the slip and what friction takes of it, with k near W_ii mu N G_tt: d
+    = z / |z| stays regular as the slip vanishes, and where |z| < k friction stops the point and d = z / k is the share of it
+    that does so. This is the projection of Alart & Curnier (Comput. Methods Appl. Mech. Eng. 92, 1991), whose equations
+    Newton's method solves.
+    """
 
     def __init__(
         self, problems: Sequence[FrictionProblem], kinds: IntArray, free: IntArray, p: FloatArray, weights: FloatArray
