@@ -59,9 +59,17 @@ def impact_checks(
 
 
 def _check_with_friction(event: Sequence[_Record], friction: FrictionCheck | None, allowed: Mapping[str, float]) -> Check:
-    """Energy check of an impact with friction; the tolerance is relative to its kinetic energy."""
-    worst = worst_of_records if friction is None else friction.worst
-    miss, record = worst(event, allowed["impact energy"]), event[0]
+    """Energy check of an impact with friction; the tolerance is relative to its kinetic energy.
+
+    The residual is infinite where the records are those of no impact: a log may hold any numbers.
+    """
+    worst = _worst_of_records if friction is None else friction.worst
+    record, share = event[0], allowed["impact energy"]
+    with np.errstate(all="ignore"):
+        try:
+            miss = worst(event, share)
+        except (UnsupportedContactError, ValueError, ArithmeticError, np.linalg.LinAlgError):
+            miss = EnergyDeviation(math.inf, share * abs(record.energy_before_J["total"][0]))
     place = f"impact {record.event + 1}"
     return Check("impact energy", "total", place, miss.size, record.time_s, miss.allowed, "J", miss.size)
 
@@ -160,10 +168,10 @@ class FrictionCheck:
         Args:
             event: Records of the impact.
             share: Tolerance relative to the kinetic energy before.
-        """
-        return _or_infinite(self._worst, event, share)
 
-    def _worst(self, event: Sequence[_Record], share: float) -> EnergyDeviation:
+        Raises:
+            UnsupportedContactError, ValueError, ArithmeticError, numpy.linalg.LinAlgError: The records are of no impact.
+        """
         met = self._met(event)
         energy = 0.5 * float(met.before @ met.before) if met is not None else 0.0
         if met is not None and self._others_hold and met.unexplained > share * energy:
@@ -262,30 +270,15 @@ def _contact(system: Any, data: Any, record: _Record) -> Contact | LimitContact:
     return Contact(a, b, np.array(record.point_m), np.array(record.normal))
 
 
-def worst_of_records(event: Sequence[_Record], share: float) -> EnergyDeviation:
+def _worst_of_records(event: Sequence[_Record], share: float) -> EnergyDeviation:
     """The worst inconsistency within the records of an impact, where states and models are not known.
 
     Args:
         event: Records of the impact.
         share: Tolerance relative to the kinetic energy before.
     """
-    return _or_infinite(_worst_of_records, event, share)
-
-
-def _worst_of_records(event: Sequence[_Record], share: float) -> EnergyDeviation:
     allowed = share * event[0].energy_before_J["total"][0]
     return max((EnergyDeviation(size, allowed) for size in _by_records(event)), key=lambda miss: miss.excess)
-
-
-def _or_infinite(
-    worst: Callable[[Sequence[_Record], float], EnergyDeviation], event: Sequence[_Record], share: float
-) -> EnergyDeviation:
-    """The worst deviation of an impact; infinite where its records are those of no impact: a log may hold any numbers."""
-    with np.errstate(all="ignore"):
-        try:
-            return worst(event, share)
-        except (UnsupportedContactError, ValueError, ArithmeticError, np.linalg.LinAlgError):
-            return EnergyDeviation(math.inf, share * abs(event[0].energy_before_J["total"][0]))
 
 
 def _by_records(event: Sequence[_Record]) -> Iterator[float]:

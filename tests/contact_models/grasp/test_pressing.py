@@ -13,7 +13,7 @@ from ffsm_mj._core.stages import Smooth
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.balance.exchange import ExchangeIntegrator
 from ffsm_mj.contact_models.grasp import loops
-from ffsm_mj.contact_models.persistent import active_set
+from ffsm_mj.contact_models.persistent import closed_contacts
 from ffsm_mj.contact_models.persistent.exchange import Shares
 from ffsm_mj.contact_models.persistent.model import PersistentContactModel
 from ffsm_mj.records.signals import COMPONENTS
@@ -318,7 +318,7 @@ def test_mistakes_on_purpose_are_noticed(tmp_path, monkeypatch, wrong):
         elif wrong == "not taken off":
             patched.setattr(PersistentContactModel, "wrenches", lambda *_: ())
         elif wrong == "stale efforts":
-            for module in (active_set, loops):
+            for module in (closed_contacts, loops):
                 patched.setattr(module, "Smooth", lambda motion, _: Smooth(motion, motion.data))
         else:
             begin = ExchangeIntegrator.begin
