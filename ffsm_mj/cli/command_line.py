@@ -21,7 +21,7 @@ COMMANDS = {
     "export": "export a run's tables, or an animation of its motion",
     "view": "open a run, or a scenario as it starts, in the Rerun viewer",
     "impact-map": "map what an impact does over the configurations of the arm that reach its contact",
-    "sensitivity": "print what uncertain numbers of a scenario change in its outcomes",
+    "sensitivity": "print what uncertain numbers of a scenario change in its results",
     "campaign": "run a scenario, or variants of it, many times with dispersed parameters, and report the results",
     "validate": "compute published cases and closed forms and compare every number with ours",
     "schema": "print the JSON Schema of scenario or campaign files",
@@ -385,7 +385,7 @@ def _describe_sensitivity(of: argparse.ArgumentParser) -> None:
         "--of",
         action="append",
         default=[],
-        metavar="OUTCOME",
+        metavar="QUANTITY",
         help="number of summary.json, e.g. impacts.0.impulse_N_s (default: first impact and final error of the tip)",
     )
     of.add_argument(
@@ -447,7 +447,7 @@ def _add_engine(to: argparse.ArgumentParser) -> None:
     where.add_argument(
         "--dask",
         metavar="ADDRESS",
-        help="address of a Dask scheduler, e.g. tcp://host:8786; local: a cluster on this machine, one worker per processor",
+        help="address of a Dask scheduler, e.g. tcp://host:8786",
     )
 
 

@@ -17,7 +17,7 @@ from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.experiments.comparison import VariantComparison, compare_variants, refuse_other_samples
 from ffsm_mj.experiments.design import Design
 from ffsm_mj.experiments.driver import FIRST, Driver, StoppingRule
-from ffsm_mj.experiments.engines import choose_engine, dask_address, importable
+from ffsm_mj.experiments.engines import choose_engine, importable
 from ffsm_mj.experiments.file import CampaignFile
 from ffsm_mj.experiments.folder import (
     CAMPAIGN,
@@ -284,7 +284,7 @@ class Campaign:
         rows, design, config = self.table_rows(), self.design, self.config
         parameters = tuple(column_of(name, "parameter", rows) for name in design.parameters)
         metrics = tuple(column_of(name, "metric", rows) for name in config.kept_metrics)
-        return Results(config.campaign, design.kind, design.n, len(design.rows), parameters, metrics, rows)
+        return Results(design.kind, design.n, len(design.rows), parameters, metrics, rows)
 
     def variant_results(self) -> VariantResults:
         """All rows so far, by variant; of a campaign without, those of the empty name."""
@@ -356,7 +356,7 @@ class Campaign:
         Args:
             executor: Executor for the runs; None: processes on this machine.
             workers: Number of processes; None: that of the campaign file, else one per processor.
-            dask: Address of a Dask scheduler to use instead, or ``local`` for a cluster on this machine.
+            dask: Address of a Dask scheduler to use instead.
             retry: Outcomes of :data:`ffsm_mj.experiments.store.RETRIED` whose runs are repeated.
             report: Called with (number of rows, number of runs) after every batch.
 
@@ -368,13 +368,13 @@ class Campaign:
             EngineLostError: The workers are lost; the rows so far are kept.
             LogWriteError: The table cannot be written (full disk); earlier rows are kept.
         """
-        self._refuse_missing_metrics()
+        self._load_metrics()
         local = [name for name, class_ in self._classes.every if not importable(class_)]
         if local and executor is None and not dask:
             reason = "cannot be imported by other processes: all runs are executed in this one"
             print(f"{self.config.campaign}: {', '.join(local)} {reason}", file=sys.stderr)
-        with self.folder.locked(), dask_address(dask, workers) as address:
-            return self._run(executor, workers, address, retry, report)
+        with self.folder.locked():
+            return self._run(executor, workers, dask, retry, report)
 
     def _run(
         self, executor: Executor | None, workers: int | None, dask: str, retry: Sequence[str], report: Report | None
@@ -412,8 +412,8 @@ class Campaign:
                 Driver(engine, self._job(exclusive=engine.exclusive_processes), keep, stopping.ends).drive(left)
         return replace(self.status(), stopped=stopping.failing if self.status().left else "", enough=stopping.enough)
 
-    def _refuse_missing_metrics(self) -> None:
-        """Refuse to run without the metrics of the caller, and execute their file.
+    def _load_metrics(self) -> None:
+        """Execute the file of the metrics of the caller, without which nothing is run.
 
         Raises:
             InputError: Functions are missing, or the file raises an exception.
@@ -474,7 +474,7 @@ class Campaign:
             raise InputError(f"{self.folder.path}: has no variants, {variant!r} is none")
         if variant not in (self.variants or [""]):
             raise InputError(f"{self.folder.path}: {unknown_name('variant', variant, self.variants)}")
-        self._refuse_missing_metrics()
+        self._load_metrics()
         if variant:
             return self.variants[variant].rerun(index)
         if not 0 <= index < len(self.design.rows):

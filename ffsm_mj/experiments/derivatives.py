@@ -20,7 +20,7 @@ from ffsm_mj.assembly.grasps import grasps_of
 from ffsm_mj.assembly.prepare import PreparedRun
 from ffsm_mj.contact_models.grasp.records import GraspRecord
 from ffsm_mj.errors import InputError
-from ffsm_mj.experiments.uncertainty import Outcome, Parameter, Sensitivity, values
+from ffsm_mj.experiments.uncertainty import Parameter, Quantity, Sensitivity, values
 from ffsm_mj.impact import GraspSaltation, Saltation, linearize, linearize_grasp
 from ffsm_mj.records.events import ImpactRecord
 
@@ -31,21 +31,21 @@ _STEP = 1e-6
 """Displacement of a coordinate: truncation 1e-12, rounding of a flight of some thousand steps 1e-13 / 1e-6."""
 
 
-def exact(prepared: PreparedRun, nominal: Run, of: Sequence[Outcome], wrt: Sequence[Parameter]) -> Sensitivity:
-    """Derivatives of outcomes.
+def exact(prepared: PreparedRun, nominal: Run, of: Sequence[Quantity], wrt: Sequence[Parameter]) -> Sensitivity:
+    """Derivatives of quantities.
 
     Raises:
         InputError: One of them does not exist, named.
         UnsupportedContactError: The impact has no derivative.
     """
-    for outcome in of:
-        if outcome.name not in _GRADIENTS:
+    for quantity in of:
+        if quantity.name not in _GRADIENTS:
             raise InputError(
-                f"exact: {outcome.name} has no derivative here, only {', '.join(_GRADIENTS)}; use kind='secant'"
+                f"exact: {quantity.name} has no derivative here, only {', '.join(_GRADIENTS)}; use kind='secant'"
             )
-    of_grasp = [outcome.name in _OF_GRASP for outcome in of]
+    of_grasp = [quantity.name in _OF_GRASP for quantity in of]
     if any(of_grasp) and not all(of_grasp):
-        raise InputError("exact: outcomes of an impact and of a grasp; name those of one event")
+        raise InputError("exact: quantities of an impact and of a grasp; name those of one event")
     assembly = prepared.assemble()
     if place := next(iter(assembly.system.equalities.values()), ""):
         raise InputError(f"exact: {place} constrains the motion, of which there is no derivative here; use kind='secant'")
@@ -133,15 +133,15 @@ def _column(
     nominal: Run,
     assembly: Assembly,
     event: _Event,
-    of: Sequence[Outcome],
+    of: Sequence[Quantity],
     parameter: Parameter,
 ) -> list[float]:
-    """Derivatives of the outcomes by one parameter.
+    """Derivatives of the quantities by one parameter.
 
     Raises:
         InputError: They do not exist.
     """
-    names = [_GRADIENTS[outcome.name] for outcome in of]
+    names = [_GRADIENTS[quantity.name] for quantity in of]
     part, _, rest = parameter.target.key.partition(".")
     if part == "contacts" and rest.endswith("restitution"):
         if not isinstance(event.effects, Saltation) or not _is_of(prepared, parameter, event.rule):

@@ -121,7 +121,7 @@ class Driver:
         """
         self._engine, self._job, self._store, self._stop = engine, job, store, stop
         self._stopped = False
-        self._interrupted: Callable[[], bool] = bool
+        self._interrupted: Callable[[], bool] = bool  # no signal is looked for before :meth:`drive`: bool() is False
         self._runs, self._suspects = deque[PlannedRun](), deque[PlannedRun]()
         self._total, self._finished, self._spent_s = 0, 0, 0.0
         self._pending: dict[Future[list[RunRow]], tuple[list[PlannedRun], float | None]] = {}

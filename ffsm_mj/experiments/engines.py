@@ -10,7 +10,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing.context import SpawnContext, SpawnProcess
 from queue import SimpleQueue
@@ -25,8 +25,6 @@ from ffsm_mj.module_path import importable_elsewhere, without_current_folder
 
 Result = TypeVar("Result")
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-LOCAL = "local"
-"""In place of the address of a Dask scheduler: a cluster on this machine."""
 _ANSWER_S = 10
 """Timeout of the connection to a Dask scheduler, s."""
 
@@ -172,31 +170,6 @@ def dask(address: str) -> Engine:
     if several:
         raise InputError(f"{where}: worker {several[0]} has {threads[several[0]]} threads; start it with --nthreads 1")
     return Engine(f"{len(threads)} Dask workers", len(threads), connected, batches=True)
-
-
-@contextmanager
-def dask_address(where: str, workers: int | None = None) -> Iterator[str]:
-    """Context with the address of a Dask scheduler: the given one, or that of a cluster on this machine for ``local``.
-
-    Args:
-        where: Address of a scheduler, ``local``, or empty.
-        workers: Number of processes of a local cluster; None: one per processor.
-
-    Raises:
-        MissingPackageError: ``distributed`` is not installed.
-        InputError: The number of workers is less than 1.
-    """
-    if where != LOCAL:
-        yield where
-        return
-    if workers is not None and workers < 1:
-        raise InputError(f"workers: {workers} is less than 1")
-    make: Any = _distributed().LocalCluster
-    count = workers or usable_processors()
-    with ExitStack() as stack:
-        with without_current_folder():
-            cluster = stack.enter_context(make(n_workers=count, threads_per_worker=1, dashboard_address=None))
-        yield cluster.scheduler_address
 
 
 def _distributed() -> Any:

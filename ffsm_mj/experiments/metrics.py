@@ -174,8 +174,8 @@ _EXACT = 1 << 53
 Scalar = float | int | str | bool | None
 
 _DRIFTING = CHECK_NAMES[:3]
-COUNT, FAIL = "count", "fail"
-"""Whether runs whose checks fail by the truncation of the step alone pass (``count``) or not (``fail``)."""
+COUNT = "count"
+"""Runs whose checks fail by the truncation of the step alone pass; with ``fail`` they do not."""
 _ALWAYS = (
     "checks_pass",
     "fails_by_truncation",

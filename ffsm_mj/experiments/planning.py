@@ -250,7 +250,7 @@ class _Planner:
             try:
                 plan = self.plan(name, variant, seed)
             except InputError as error:
-                if not self._validates(name, variant):
+                if not self._only_its_laws_fail(name, variant):
                     raise
                 not_applicable[name] = "; ".join(error.lines)
                 continue
@@ -342,7 +342,7 @@ class _Planner:
         except InputError as error:
             raise InputError([self.source.line(Fault(line, place)) for line in error.lines]) from error
 
-    def _validates(self, name: str, variant: VariantConfig) -> bool:
+    def _only_its_laws_fail(self, name: str, variant: VariantConfig) -> bool:
         """Whether all that is wrong with a variant is that its control laws cannot be created for its scenario.
 
         Its scenario file with the laws is then valid, and without them a run can be prepared.
@@ -370,8 +370,10 @@ class _Planner:
             ScenarioFaults: One fault per name.
         """
         actuators = [identifier(name) for name in prepared.system.names("actuator")]
-        named = dict(reversed(list(self.config.named_metrics())))
-        wrong = ((fault_of(name, actuators, self.classes.metrics), path) for name, path in reversed(named.items()))
+        places: dict[str, KeyPath] = {}
+        for name, path in self.config.named_metrics():
+            places.setdefault(name, path)
+        wrong = ((fault_of(name, actuators, self.classes.metrics), path) for name, path in places.items())
         faults = [Fault(fault, path) for fault, path in wrong if fault is not None]
         message = "{} is a built-in metric; give the function another name"
         reserved = [name for name in self.classes.metrics if fault_of(name, actuators) is None]

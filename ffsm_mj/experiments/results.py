@@ -33,7 +33,6 @@ class Results:
     """Rows of a campaign.
 
     Attributes:
-        name: Name of the campaign.
         kind: Kind of samples.
         n: Number of samples; a ``saltelli`` design has n (d + 2) rows.
         runs: Number of rows of the design.
@@ -43,7 +42,6 @@ class Results:
             without a condition), ``message`` and ``phase``.
     """
 
-    name: str
     kind: str
     n: int
     runs: int
@@ -128,11 +126,6 @@ class VariantCounts:
     violated: int
     met: int
     successes: int
-
-    @property
-    def completed(self) -> int:
-        """Number of completed runs."""
-        return self.outcomes.get("completed", 0)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Sensitivity of the outcomes of a run to stated uncertainties of its scenario: whole runs, or derivatives."""
+"""Sensitivity of the quantities of a run to stated uncertainties of its scenario: whole runs, or derivatives."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ffsm_mj.analysis.run import Run
 from ffsm_mj.assembly.prepare import PreparedRun, prepare
 from ffsm_mj.errors import InputError, ScenarioFaults, unknown_name
 from ffsm_mj.experiments.derivatives import exact
-from ffsm_mj.experiments.uncertainty import Outcome, Parameter, Sensitivity, default_outcomes, impacts, parameters, values
+from ffsm_mj.experiments.uncertainty import Parameter, Quantity, Sensitivity, default_quantities, impacts, parameters, values
 from ffsm_mj.log.run_folder import SCENARIO
 
 _SIDES = {(True, True): "both", (True, False): "minus", (False, True): "plus"}
@@ -23,7 +23,7 @@ _SIDES = {(True, True): "both", (True, False): "minus", (False, True): "plus"}
 def secant(
     prepared: PreparedRun,
     nominal: Run,
-    of: Sequence[Outcome],
+    of: Sequence[Quantity],
     wrt: Sequence[Parameter],
     report: Callable[[float, float], None] | None = None,
 ) -> Sensitivity:
@@ -32,7 +32,7 @@ def secant(
     Args:
         prepared: The scenario.
         nominal: Its run.
-        of: Outcomes.
+        of: Quantities.
         wrt: Parameters.
         report: Told (runs done, runs in all).
 
@@ -85,11 +85,11 @@ def sensitivity(
     estimators: Mapping[str, Any] = MappingProxyType({}),
     report: Callable[[float, float], None] | None = None,
 ) -> Sensitivity:
-    """How outcomes of a run change with uncertain numbers of its scenario; see docs/sensitivity.md.
+    """How quantities of a run change with uncertain numbers of its scenario; see docs/sensitivity.md.
 
     Args:
         run: The run, in memory or read from its log.
-        of: Outcomes, by their names in ``summary.json``: ``impacts.0.impulse_N_s``; those of the first impact and of the tip
+        of: Quantities, by their names in ``summary.json``: ``impacts.0.impulse_N_s``; of the first impact and of the tip
             if none is named.
         wrt: Standard deviation of each uncertain number, by dotted key of the scenario; its ``uncertainties`` if none is
             given.
@@ -126,18 +126,18 @@ def of_prepared(
     if kind not in KINDS:
         raise InputError(f"kind: {unknown_name('kind', kind, KINDS)}")
     names = (of,) if isinstance(of, str) else tuple(of)
-    outcomes = tuple(map(Outcome.named, names or default_outcomes(run)))
+    quantities = tuple(map(Quantity.named, names or default_quantities(run)))
     parameters = checked_parameters(prepared, wrt)
-    if not outcomes:
-        raise InputError(f"{run.name}: the run has no impact and no task: name an outcome")
+    if not quantities:
+        raise InputError(f"{run.name}: the run has no impact and no task: name a quantity")
     if not parameters:
         raise InputError(
             f"{run.name}: nothing is uncertain: name a key and its standard deviation, or state 'uncertainties'"
         )
     return (
-        exact(prepared, run, outcomes, parameters)
+        exact(prepared, run, quantities, parameters)
         if kind == "exact"
-        else secant(prepared, run, outcomes, parameters, report)
+        else secant(prepared, run, quantities, parameters, report)
     )
 
 

@@ -1,4 +1,4 @@
-"""Statistics of results: intervals, convergence, failures, sensitivities, and paired differences of two campaigns."""
+"""Statistics of the results of a campaign: intervals, convergence, runs without success, sensitivities."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Outcomes of a run, uncertain numbers of its scenario, and how the ones change with the others."""
+"""Quantities of a run, uncertain numbers of its scenario, and how the ones change with the others."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _TIP = {
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Quantity:
     """A number of a run.
 
     Attributes:
@@ -52,11 +52,11 @@ class Outcome:
     relative: bool
 
     @classmethod
-    def named(cls, name: str) -> Outcome:
-        """The outcome of a name.
+    def named(cls, name: str) -> Quantity:
+        """The quantity of a name.
 
         Raises:
-            InputError: No run has such an outcome.
+            InputError: No run has such a quantity.
         """
         if (fault := fault_of(name, ())) is not None and not name.startswith("effort."):
             raise InputError(f"--of {name}: {fault}")
@@ -68,15 +68,15 @@ class Outcome:
         return cls(name, words, unit, relative=False)
 
 
-def default_outcomes(run: Run) -> tuple[str, ...]:
+def default_quantities(run: Run) -> tuple[str, ...]:
     """Impulse and time of the first impact, and the final error of the tip, as far as the run has them."""
     summary = run.summary()
     names = ("impacts.0.impulse_N_s", "impacts.0.time_s") if summary["impacts"] else ()
     return (*names, "tip.final_error_m") if summary["tip"] is not None else names
 
 
-def values(run: Run, of: Sequence[Outcome]) -> FloatArray:
-    """Outcomes of a run, (n,); NaN for those that it has not, or that are no numbers."""
+def values(run: Run, of: Sequence[Quantity]) -> FloatArray:
+    """Quantities of a run, (n,); NaN for those that it has not, or that are no numbers."""
     summary = run.summary()
     numbers = [value_at(summary, quantity.name) for quantity in of]
     return np.array([float(value) if isinstance(value, int | float) else math.nan for value in numbers])
@@ -215,30 +215,30 @@ _UNITS: dict[str, Any] = {"": 1.0, "mm": 1e-3, "um": 1e-6, "mrad": 1e-3, "deg": 
 
 
 _ROUNDING = 1e-12
-"""Outcomes that differ by less than this share are the same."""
+"""Quantities that differ by less than this share are the same."""
 _CURVED = 0.5
 """A value at the scenario that lies off the middle of its neighbours by more than this share of their half-distance."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sensitivity:
-    """How outcomes change with parameters. Rows of arrays are outcomes, columns parameters.
+    """How quantities change with parameters. Rows of arrays are quantities, columns parameters.
 
     Attributes:
         kind: ``secant``: differences of runs; ``exact``: derivatives.
-        of: The outcomes.
+        of: The quantities.
         wrt: The parameters.
-        nominal: Outcomes of the run, (n,); NaN if it has none.
-        low: Outcomes at minus one standard deviation, (n, m); NaN where there is no such run or no such outcome.
-        high: Outcomes at plus one, (n, m).
-        derivative: Change of each outcome per unit of each parameter, (n, m): the slope of the secant, on one side if only
+        nominal: Quantities of the run, (n,); NaN if it has none.
+        low: Quantities at minus one standard deviation, (n, m); NaN where there is no such run or no such quantity.
+        high: Quantities at plus one, (n, m).
+        derivative: Change of each quantity per unit of each parameter, (n, m): the slope of the secant, on one side if only
             one run exists.
         same_impacts: Whether the runs at both sides have the impacts of the run, pair by pair, (m,).
         sides: ``both``, ``minus`` or ``plus``: on which sides the scenario allows the parameter, (m,).
     """
 
     kind: str
-    of: tuple[Outcome, ...]
+    of: tuple[Quantity, ...]
     wrt: tuple[Parameter, ...]
     nominal: FloatArray
     low: FloatArray
@@ -249,18 +249,18 @@ class Sensitivity:
 
     @cached_property
     def covariance(self) -> FloatArray:
-        """Covariance of the outcomes to first order, for independent parameters, (n, n)."""
+        """Covariance of the quantities to first order, for independent parameters, (n, n)."""
         scaled = self.derivative * np.array([parameter.sigma for parameter in self.wrt])
         return np.asarray(scaled @ scaled.T)
 
     @property
     def std(self) -> FloatArray:
-        """Standard deviation of each outcome to first order, (n,)."""
+        """Standard deviation of each quantity to first order, (n,)."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     @cached_property
     def table(self) -> Table:
-        """One row per outcome and parameter."""
+        """One row per quantity and parameter."""
         rows = [(i, k) for i in range(len(self.of)) for k in range(len(self.wrt))]
         columns: dict[str, Any] = {
             "of": [self.of[i].name for i, _ in rows],
@@ -290,29 +290,29 @@ class Sensitivity:
         }
 
     def sentences(self) -> Iterator[str]:
-        """One sentence per outcome and parameter."""
+        """One sentence per quantity and parameter."""
         for k, parameter in enumerate(self.wrt):
-            for i, outcome in enumerate(self.of):
-                yield self._sentence(i, k, outcome, parameter)
+            for i, quantity in enumerate(self.of):
+                yield self._sentence(i, k, quantity, parameter)
 
-    def _sentence(self, i: int, k: int, outcome: Outcome, parameter: Parameter) -> str:
+    def _sentence(self, i: int, k: int, quantity: Quantity, parameter: Parameter) -> str:
         what = f"{parameter.size} in {parameter.key}"
         if self.kind == "exact":
             if self.derivative[i, k] == 0.0:
-                return f"{what} does not change {outcome.words}"
+                return f"{what} does not change {quantity.words}"
             change = abs(self.derivative[i, k]) * parameter.sigma
-            return f"{what} changes {outcome.words} by {self._share(i, change)}"
+            return f"{what} changes {quantity.words} by {self._share(i, change)}"
         ends = [value for value in (self.low[i, k], self.nominal[i], self.high[i, k]) if np.isfinite(value)]
         if not np.isfinite(self.nominal[i]) or len(ends) < 2:
-            return f"{what}: {outcome.words} does not exist in every run"
+            return f"{what}: {quantity.words} does not exist in every run"
         half = 0.5 * (self.high[i, k] - self.low[i, k])
         change = abs(half) if self.sides[k] == "both" else max(ends) - min(ends)
         if not np.isfinite(change):
-            return f"{what}: {outcome.words} does not exist in every run"
+            return f"{what}: {quantity.words} does not exist in every run"
         if max(ends) - min(ends) <= _ROUNDING * max(map(abs, ends)):
-            return f"{what} does not change {outcome.words}"
-        text = f"{what} changes {outcome.words} by {self._share(i, change)}"
-        text += f": {min(ends):.7g} to {max(ends):.7g} {outcome.unit}".rstrip()
+            return f"{what} does not change {quantity.words}"
+        text = f"{what} changes {quantity.words} by {self._share(i, change)}"
+        text += f": {min(ends):.7g} to {max(ends):.7g} {quantity.unit}".rstrip()
         notes = [] if self.same_impacts[k] else ["other impacts occur within it"]
         notes += [] if self.sides[k] == "both" else [f"the scenario allows {self.sides[k]} alone"]
         curved = (
@@ -322,7 +322,7 @@ class Sensitivity:
         return text + (f" ({'; '.join(notes)})" if notes else "")
 
     def _share(self, i: int, change: float) -> str:
-        """A change in per cent of the outcome, or in its unit."""
+        """A change in per cent of the quantity, or in its unit."""
         nominal = abs(self.nominal[i])
         if self.of[i].relative and nominal > 0.0:
             return f"{100.0 * change / nominal:.3g} %"
@@ -334,13 +334,13 @@ def _finite(value: Any) -> Any:
 
 
 _MEANINGS = {
-    "of": "outcome",
+    "of": "quantity",
     "wrt": "uncertain key of the scenario",
     "sigma": "its standard deviation",
-    "nominal": "outcome of the run",
-    "at_minus_sigma": "outcome at minus one standard deviation",
-    "at_plus_sigma": "outcome at plus one standard deviation",
-    "derivative": "change of the outcome per unit of the key",
+    "nominal": "quantity of the run",
+    "at_minus_sigma": "quantity at minus one standard deviation",
+    "at_plus_sigma": "quantity at plus one standard deviation",
+    "derivative": "change of the quantity per unit of the key",
     "same_impacts": "whether both runs have the impacts of the run",
     "sides": "both, or the side that the scenario allows",
 }

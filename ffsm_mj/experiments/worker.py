@@ -71,8 +71,8 @@ class _TimeoutError(Exception):
     """A run exceeds its wall time."""
 
 
-def probe(job: Job) -> str:
-    """Check that runs can be executed here; returns the name of this machine.
+def probe(job: Job) -> None:
+    """Check that runs can be executed here.
 
     Raises:
         OtherVersionsError: The package versions differ from those of the campaign.
@@ -85,7 +85,6 @@ def probe(job: Job) -> str:
                 f"worker {platform.node()}: {package} {local_versions.get(package, 'none')}, where the campaign has {wanted}"
             )
     _read(job.scenario, job.digest)
-    return platform.node()
 
 
 @lru_cache(maxsize=4)

@@ -24,7 +24,7 @@ def results(rows: list[dict[str, Any]], *, kind: str = "random", n: int | None =
         "metrics": tuple(name for name in names if name.startswith("y")),
         "runs": len(rows),
     } | more
-    return Results(name="made-up", kind=kind, n=n or len(rows), rows=rows, **told)
+    return Results(kind=kind, n=n or len(rows), rows=rows, **told)
 
 
 def config_of(**keys: Any) -> CampaignFile:
@@ -43,7 +43,7 @@ def variant_results(
 ) -> VariantResults:
     """Results whose variants have these rows, with as many runs as the longest."""
     runs = max(map(len, variants.values()))
-    rows = {name: Results(name, "random", runs, runs, ("x",), metrics, each) for name, each in variants.items()}
+    rows = {name: Results("random", runs, runs, ("x",), metrics, each) for name, each in variants.items()}
     return VariantResults(config_of(variants={name: {} for name in variants}, **config), rows)
 
 

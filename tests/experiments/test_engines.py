@@ -98,9 +98,10 @@ def test_a_pool_makes_the_rows_of_a_loop(tmp_path: Path, in_a_loop: list[tuple[A
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore")  # of distributed, about its own sockets
 def test_dask_makes_the_rows_of_a_loop(tmp_path: Path, in_a_loop: list[tuple[Any, ...]]) -> None:
-    pytest.importorskip("distributed")
+    distributed = pytest.importorskip("distributed")
     campaign = Campaign.load(collisions(tmp_path), tmp_path / "out")
-    campaign.run(dask="local", workers=2)
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        campaign.run(dask=cluster.scheduler_address)
     assert told(campaign) == in_a_loop
 
 

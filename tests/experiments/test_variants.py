@@ -227,7 +227,7 @@ def test_success_and_violated_checks_are_counted_apart() -> None:
     ]
     results = variant_results({"a": rows, "b": [row(i, success=True, y=0.0) for i in range(4)]}, success="y < 5")
     counts = results.counts("a")
-    assert (counts.completed, counts.violated, counts.met, counts.successes) == (3, 1, 2, 1)
+    assert (counts.outcomes["completed"], counts.violated, counts.met, counts.successes) == (3, 1, 2, 1)
     pair = compare_variants(results).pair("a", "b")
     assert (pair.common, pair.compared) == (4, 2)
     assert (pair.differences["y"].n, pair.differences["y"].mean) == (2, -5.0)
