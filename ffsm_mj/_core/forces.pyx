@@ -95,6 +95,8 @@ cdef class ActiveForces:
         for c in range(self.slides.shape[0]):
             for i in range(n):
                 row = self.G + self.rows[i] * self.count + 3 * self.slides[c]
+                # A normal force of a sliding point brings the friction -mu d with it, so its column is the response to both. The
+                # matrix is no longer symmetric, and beyond Painleve's limit no longer regular.
                 self.system[i * n + self.columns[c]] += row[1] * self.friction[2 * c] + row[2] * self.friction[2 * c + 1]
 
     def turn_to(self, slips):
@@ -118,6 +120,7 @@ cdef class ActiveForces:
     cdef void find_range(self) noexcept:
         """Determine the rank of the held rows, and a basis of their range if it is not all."""
         cdef Py_ssize_t j, n = self.active
+        # Of the symmetric matrix without friction: which rows depend on each other is a matter of the Jacobian alone.
         self.rank = pivots(self.work, n, _RANK, self.order)
         if self.rank < n:
             for j in range(self.rank):
@@ -165,6 +168,7 @@ cdef class ActiveForces:
             pivot = self.work[j * (self.rank + 1)]
             if not (pivot > 0.0 or pivot < 0.0):
                 return False
+            # The sign of the determinant: that of the pivots, and one change for each exchange of rows.
             positive ^= (pivot < 0.0) ^ (self.order[j] != j)
         return positive
 
@@ -208,6 +212,8 @@ cdef class ActiveForces:
         for c in range(points.shape[0]):
             p = points[c]
             first, second = (-self.mu[p] * normal_forces[c] * across[c, j] for j in range(2))
+            # At a fixed normal force friction turns with its direction; the active rows then answer, so that they keep their
+            # accelerations.
             view[c, 3 * p + 1], view[c, 3 * p + 2] = first, second
             for i in range(self.active):
                 row = self.G + self.rows[i] * self.count + 3 * p

@@ -198,11 +198,13 @@ cdef class LoopStage:
         cross(a.omega, other, cross_product)
         for c in range(3):
             along[c] -= moment[c] + a.acceleration[c] + cross_product[c]
+            # The second derivative of the components of r = p_b - p_a along axes of a is r'' - 2 omega_a x r', as r is zero here.
             of_b[c] = 2.0 * (of_b[c] - other[c])
         cross(a.omega, of_b, cross_product)
         cross(a.omega, b.omega, moment)
         for c in range(3):
             along[c] -= cross_product[c]
+            # That of the relative angular velocity along these axes: omega_a x (omega_b - omega_a) is omega_a x omega_b.
             turning[c] = b.alpha[c] - a.alpha[c] - moment[c]
         for i in range(n):
             k = latch.start + i
@@ -291,6 +293,7 @@ cdef class LoopStage:
                     total -= self.factor_view[i, k] * self.factor_view[j, k]
                 if i > j:
                     self.factor_view[i, j] = total / self.factor_view[j, j]
+                # T leaves independent rows, for which the matrix is positive definite: another pivot means that they lost rank.
                 elif total > 0.0:
                     self.factor_view[i, i] = sqrt(total)
                 else:

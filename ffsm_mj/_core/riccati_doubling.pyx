@@ -165,6 +165,7 @@ cdef class Doubling:
         residual = self.defect()
         while residual > _ACCEPTED_RESIDUAL and self.corrections < CORRECTIONS:
             self.best[:] = self.K
+            # A correction that does not help has met rounding; the last one that did is kept.
             left = self.defect() if self.lacking(shift) else INFINITY
             if not left < residual:
                 self.K[:] = self.best

@@ -182,6 +182,7 @@ cdef void tangents(const double* n, double* out) noexcept:
     """Two tangents of a normal, (2, 3); see ffsm_mj.contact_models.impact.friction.result."""
     cdef double x = n[0], y = n[1], z = n[2], length
     cdef int i
+    # Crossed with the axis of the least component, which is at most 1 / sqrt(3): no length below sqrt(2 / 3) is divided by.
     if fabs(x) <= fabs(y) and fabs(x) <= fabs(z):
         out[0], out[1], out[2] = 0.0, -z, y
     elif fabs(y) <= fabs(z):
@@ -223,6 +224,7 @@ cdef int write_rounding(list groups, RowMemory memory, const double* force, doub
         for j in range(3 * p, 3 * p + (3 if memory.rubs[p] else 1)):
             most, response = max(most, fabs(memory.gamma[j])), responses + j * nv
             for d in range(nv):
+                # The terms count, not their sum: rounding is that of the largest of those that cancel.
                 most = max(most, fabs(response[d] * force[d]))
         out[p] = _ACCELERATION_M_S2 + _ACCELERATION * most
     return 0

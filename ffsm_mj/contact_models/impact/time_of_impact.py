@@ -315,6 +315,7 @@ def _by_halves(at: At, start: float, end: float, pressed: Callable[[float], bool
 def _falling(at: At, start: float, end: float, first: Proximity, last: Proximity) -> float | None:
     """First touch of a pair that is apart and approaches at the start."""
     if last.gap > 0.0:
+        # It still approaches at the end: a gap with one minimum has it later, and no touch before.
         if last.rate <= 0.0:
             return None
         end = root(lambda t: at(t).rate, (start, first.rate), (end, last.rate), RATE)
@@ -333,6 +334,7 @@ def root(f: Callable[[float], float], left: tuple[float, float], right: tuple[fl
     for count in range(_ITERATIONS):
         halves = count >= _KINKED and count % 2 == 0
         c = 0.5 * (a + b) if halves else (a * fb - b * fa) / (fb - fa)
+        # The interval has no inner point left, or both values are equal by rounding.
         if not min(a, b) < c < max(a, b):
             break
         fc = f(c)
@@ -340,6 +342,7 @@ def root(f: Callable[[float], float], left: tuple[float, float], right: tuple[fl
             return c
         if (fc > 0.0) == (fb > 0.0):
             b, fb = c, fc
+            # Illinois: an end that stays twice counts half, else regula falsi keeps it for ever where f is convex.
             fa = 0.5 * fa if side < 0 else fa
             side = -1
         else:

@@ -252,6 +252,7 @@ def _newton(contacts: CoulombProblem, start: FloatArray) -> tuple[FloatArray, fl
     for _ in range(_STEPS):
         if least < _AIM:
             break
+        # In one unit for all unknowns the step of least norm shares impulses among redundant contacts by their inertia.
         step = np.linalg.lstsq(slopes * (share[:, None] / share), -violation, rcond=CANCELLED)[0] / share
         for halving in range(_HALVINGS):
             part = 0.5**halving

@@ -49,12 +49,15 @@ def least_norm_in(projected: Projection, U: FloatArray, effect: FloatArray) -> F
         U: Orthonormal columns, (n, m).
         effect: The effect U^T lam, (m,), of forces whose largest component is about one.
     """
+    # The point of K of least norm with the effect is the projection of x = U y onto K, where y solves the dual problem,
+    # which has no constraints. At y = effect x is the solution without K.
     y: FloatArray = effect.copy()
     for _ in range(_ITERATIONS):
         lam, slope = projected(U @ y)
         miss = effect - U.T @ lam
         if float(np.abs(miss).max()) <= max(_ACCURACY, _ROUNDING * float(np.abs(y).max())):
             break
+        # The damping vanishes with the residual, so that it does not slow the last steps.
         damped = U.T @ slope @ U + _DAMPING * float(np.abs(miss).max()) * np.eye(len(y))
         step: FloatArray = np.asarray(np.linalg.lstsq(damped, miss, rcond=None)[0], dtype=np.float64)
         reach = _REACH * (1.0 + float(np.abs(y).max())) / max(float(np.abs(step).max()), np.finfo(float).tiny)
@@ -86,6 +89,7 @@ def on_cones(points: FloatArray, mu: FloatArray, moved: FloatArray) -> tuple[Flo
     """Nearest forces inside cones with tips at ``-moved``, (k, 3), and derivatives by each given one, (k, 3, 3)."""
     forces = points + moved
     n, t = forces[:, 0], np.hypot(forces[:, 1], forces[:, 2])
+    # Projection on a circular cone: itself inside, the tip in the polar cone, else a point of the mantle.
     inside, tip = t <= mu * n, mu * t <= -n
     onto = (n + mu * t) / (1.0 + mu * mu)
     e = forces[:, 1:] / np.where(t > 0.0, t, 1.0)[:, None]
@@ -94,6 +98,7 @@ def on_cones(points: FloatArray, mu: FloatArray, moved: FloatArray) -> tuple[Flo
     ray = np.column_stack((np.ones(len(mu)), mu[:, None] * e)) / np.sqrt(1.0 + mu * mu)[:, None]
     across = np.column_stack((np.zeros(len(mu)), -e[:, 1], e[:, 0]))
     turn = mu * onto / np.where(t > 0.0, t, 1.0)
+    # On the mantle: unity along its ray, the ratio of the distances from the axis around it, zero across it.
     slope = ray[:, :, None] * ray[:, None, :] + turn[:, None, None] * across[:, :, None] * across[:, None, :]
     slope = np.where(inside[:, None, None], np.eye(3), np.where(tip[:, None, None], 0.0, slope))
     return lam - moved, slope
@@ -137,6 +142,7 @@ def shared(contacts: CoulombProblem, A: FloatArray, impulses: FloatArray) -> Flo
     D = _directions(slides, mu, rays)
     along, sizes, _ = np.linalg.svd(D.T @ A.reshape(len(closed), 3, -1)[closed].reshape(3 * len(mu), -1))
     rank = int(np.count_nonzero(sizes > RANK * sizes.max(initial=0.0)))
+    # Velocities determine impulses along independent columns: there are no others to choose from.
     if rank == D.shape[1]:
         return impulses
     U = D @ along[:, :rank]
@@ -149,6 +155,7 @@ def shared(contacts: CoulombProblem, A: FloatArray, impulses: FloatArray) -> Flo
         return impulses
     result = impulses.copy()
     result[closed] = [clip_to_cone(p, limit) for p, limit in zip(unit * nearest.reshape(-1, 3), mu, strict=True)]
+    # The clipping has moved impulses by up to _ROOM: the conditions are tested on what is returned.
     return result if np.abs(violation_of(contacts, result)[0]).max() <= APPROACHING else impulses
 
 

@@ -241,6 +241,7 @@ class ModeChoice:
         """
         problem, directions = self._problem, self._directions(np.full(len(self._still), SLIDE))
         which = np.flatnonzero(problem.movable_normals)
+        # A normal force brings its friction along: the matrix of the normals is not symmetric, which Lemke's method allows.
         along = np.column_stack((np.ones(len(which)), -problem.mu[which, None] * directions[which]))
         rows = problem.G[3 * which].reshape(len(which), -1, 3)[:, which]
         G, unit = np.einsum("ijc,jc->ij", rows, along), float(problem.inverse_mass[which].mean())
@@ -276,6 +277,7 @@ class ModeChoice:
         kinds = np.where(forces[:, 0] * problem.inverse_mass > states.rounding, kinds, CLOSED)
         directions = self._directions(kinds)
         begins = (kinds == SLIDE) & self._still & (problem.mu > 0.0)
+        # The slip of a point at rest has no direction yet; friction at its limit is opposed to the one it is going to have.
         directions[begins] = -unit_slips(forces[begins, 1:])
         return kinds, self._along_acceleration(kinds, directions, begins & moves)
 

@@ -92,11 +92,14 @@ def largest_margin(
         return 0.0, forces
     # s = h - A x in second-order cones, x = (y, m); the last cone bounds m.
     k, d = len(mu), freedom.shape[1]
+    # mu lam_n - m >= |lam_t| is a second-order cone once the normal row is scaled by mu. With mu = 0 only lam_n >= 0 is
+    # left, which the margin leaves alone.
     scale = np.ones((k, 3))
     scale[:, 0] = np.where(mu > 0.0, mu, 1.0)
     A = np.zeros((k + 1, 3, d + 1))
     A[:k, :, :d] = -(scale[:, :, None] * freedom.reshape(k, 3, d))
     A[:k, 0, d] = np.where(mu > 0.0, 1.0 if weights is None else weights, 0.0)
+    # The half-line m <= _CAP: the program of a wedge would be unbounded without it.
     A[k, 0, d] = 1.0
     h = np.zeros((k + 1, 3))
     h[:k] = scale * forces / unit
@@ -110,6 +113,7 @@ def _largest(A: FloatArray, h: FloatArray) -> FloatArray:
     c = np.zeros(A.shape[1])
     c[-1] = -1.0
     x = np.asarray(np.linalg.lstsq(A, h.ravel(), rcond=None)[0], dtype=np.float64)
+    # The start need not solve the equations, which the iteration restores; but only inside the cones the scaling exists.
     s = _interior(h - (A @ x).reshape(h.shape))
     dual = np.asarray(np.linalg.lstsq(A.T, -c, rcond=None)[0], dtype=np.float64)
     z = _interior(dual.reshape(h.shape))
@@ -129,12 +133,15 @@ def _largest(A: FloatArray, h: FloatArray) -> FloatArray:
         scaled = _ScaledRows(A, W_inverse)
         lam = np.einsum("kij,kj->ki", W, z)
         target = -_product(lam, lam)
+        # Predictor: how far a step that aims at a gap of zero gets before the boundary says how much centring is needed.
         dx, ds, dz = scaled.direction(lam, r_x, r_z, target)
         step = min(1.0, _to_boundary(s, ds), _to_boundary(z, dz))
         centring = (1.0 - step) ** 3
+        # Corrector (Mehrotra): the second-order term of the complementarity, as the predictor would leave it.
         both = _product(np.einsum("kij,kj->ki", W_inverse, ds), np.einsum("kij,kj->ki", W, dz))
         target = target - both + centring * gap * np.array((1.0, 0.0, 0.0))
         dx, ds, dz = scaled.direction(lam, (1.0 - centring) * r_x, (1.0 - centring) * r_z, target)
+        # Both sides move by one step: on the boundary itself the scaling of the next iteration would be singular.
         step = min(1.0, _STEP * _to_boundary(s, ds), _STEP * _to_boundary(z, dz))
         if not math.isfinite(step) or step < _ACCURACY:
             break
@@ -198,6 +205,7 @@ def _scaling(s: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _determinant(s: FloatArray) -> FloatArray:
     """First component squared less the rest squared, positive inside a cone, (k,)."""
+    # As a product: the difference of squares would lose what is left near the boundary, where all solutions end.
     size = np.hypot(s[:, 1], s[:, 2])
     return np.asarray(np.maximum((s[:, 0] - size) * (s[:, 0] + size), 1e-300))
 
@@ -225,6 +233,7 @@ def _to_boundary(s: FloatArray, step: FloatArray) -> float:
         inside = linear * linear - square * constant
         if inside >= 0.0:
             root = math.sqrt(inside)
+            # Neither root subtracts nearly equal numbers: one is constant / divisor, the other divisor / square.
             divisor = -linear + root if linear < 0.0 else -(linear + root)
             for t in ((constant / divisor if divisor else math.inf), (divisor / square if square else math.inf)):
                 if 0.0 < t < best and a + t * p >= 0.0:

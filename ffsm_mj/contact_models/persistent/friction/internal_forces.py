@@ -97,6 +97,7 @@ def _use_of_internal(freedom: FloatArray, mu: FloatArray) -> float:
     # Forces inside the cones have a sum of limits mu n > 0: one of 1 gives the problem a bounded solution.
     if square <= _SHARES**2 * float(mu @ mu):
         return 1.0
+    # The remaining freedom leaves that sum as it is.
     other = np.linalg.svd(limits[None], full_matrices=True)[2][1:]
     return _least_ratio(freedom @ other.T, mu, 1.0, (freedom @ (limits / square)).reshape(-1, 3))[0]
 
@@ -117,6 +118,7 @@ def _least_ratio(freedom: FloatArray, mu: FloatArray, least: float, inside: Floa
     for _ in range(_REDUCTIONS):
         inside_cones = largest_margin(start, freedom, least * mu, weights)[1]
         ratio = max(limit_ratios(inside_cones, mu))
+        # Without progress the margin of the reduced cones is rounding: the share is the least one.
         if ratio >= least * (1.0 - _REDUCED):
             break
         least, inside, weights = ratio, inside_cones, _weights(mu * inside_cones[:, 0])
@@ -180,6 +182,7 @@ def least_in_cones(forces: FloatArray, freedom: FloatArray, mu: FloatArray) -> F
     x = x - freedom @ (freedom.T @ x)
     moved = np.zeros((len(mu), 3))
     moved[:, 0] = np.where(mu > 0.0, _OUTSIDE / np.where(mu > 0.0, mu, 1.0), 0.0)
+    # Forces have an effect only along the complement of those without one.
     U = np.linalg.svd(freedom, full_matrices=True)[0][:, freedom.shape[1] :]
     least = least_norm_in(lambda lam: of_points(*on_cones(lam.reshape(-1, 3), mu, moved)), U, U.T @ x)
     if least is not None:

@@ -370,6 +370,8 @@ class StageEquation:
         z, step = reached + factors[:, :, None] * s[:, self._free], np.zeros_like(reached)
         before, halved = math.inf, 0
         for _ in range(_STEPS + _HALVINGS):
+            # z = u + k d has slip and direction in one unknown: d = z / |z| where |z| > k, and z / k inside that disc, where
+            # the point is stopped. So the equation is not singular at u = 0, as it would be in the slips.
             size = np.hypot(z[..., 0], z[..., 1])
             slides, bound = size > factors, np.maximum(size, factors)[..., None]
             along = s[:, self._free] = z / bound
@@ -378,6 +380,7 @@ class StageEquation:
             error = float(np.abs(residual).max())
             if error <= self._rounding or (error >= 0.5 * before and error <= _CANCELS * self._rounding):
                 return (forces, s) if slides.all() else None
+            # The last step went too far, over a kink at |z| = k: halve it, back from where it ended.
             if error >= before and halved < _HALVINGS:
                 step, halved = 0.5 * step, halved + 1
                 z = z - step
@@ -405,7 +408,9 @@ class StageEquation:
         for j, (problem, active, at) in enumerate(zip(self._problems, self._active, forces, strict=True)):
             changes = problem.G[self._across.ravel()].dot(active.responses_to_turns(points, axes, at[points, 0]))
             slope[:, j] = np.kron(self._weights[:, j : j + 1], changes).reshape(-1, m, 2)
+        # k d depends on the direction of the same point and node only.
         slope.reshape(n * size, n * size)[np.diag_indices(n * size)] += np.repeat(factors, 2)
+        # A unit direction turns only across itself; one of a stopped point has unit = 0 here and is linear in z.
         slope = (slope - np.sum(slope * unit, axis=3)[..., None] * unit) / bound
         return np.asarray(slope.reshape(n * size, n * size))
 
