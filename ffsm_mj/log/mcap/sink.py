@@ -97,17 +97,17 @@ class BlockWriter(Writer):
         statistics.message_count += len(times)
 
 
-_Given = ParamSpec("_Given")
+_Arguments = ParamSpec("_Arguments")
 
 
-def _writes(method: Callable[Concatenate[McapSink, _Given], None]) -> Callable[Concatenate[McapSink, _Given], None]:
+def _writes(method: Callable[Concatenate[McapSink, _Arguments], None]) -> Callable[Concatenate[McapSink, _Arguments], None]:
     """Method that writes to a log: it does nothing after a write that failed."""
 
     @wraps(method)
-    def writes(sink: McapSink, /, *given: _Given.args, **named: _Given.kwargs) -> None:
+    def writes(sink: McapSink, /, *arguments: _Arguments.args, **named: _Arguments.kwargs) -> None:
         if not sink.is_broken:
             try:
-                method(sink, *given, **named)
+                method(sink, *arguments, **named)
             except OSError as error:
                 raise sink.break_off(error) from error
 
