@@ -8,7 +8,8 @@ A long job (many seeds, kill series, runs of thousands of seconds) is a parametr
 
 A plain run takes a tenth of the cases of each such test, or one of as many as ``long(one_of=25)`` says; of fewer than that
 it takes the first, so the shortest stands there. Long tests of a single case form one group, of which it takes a tenth as
-well. The choice is a fixed one: every run of the same tests, on every worker, does the same.
+well; ``long(by_turns=True)`` puts the first case of a costly series into this group. The choice is a fixed one: every run of
+the same tests, on every worker, does the same.
 """
 
 from __future__ import annotations
@@ -37,18 +38,24 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     items.sort(key=lambda item: [item.get_closest_marker(name) is None for name in ("slow", "long")])
     if config.getoption("--long"):
         return
-    groups = defaultdict(list)
+    groups, alone = defaultdict(list), []
     for item in items:
         if item.get_closest_marker("long"):
-            groups[item.nodeid.partition("[")[0] if hasattr(item, "callspec") else ""].append(item)
-    left_out = {item for group in groups.values() for item in _left_out(group)}
+            (groups[item.nodeid.partition("[")[0]] if hasattr(item, "callspec") else alone).append(item)
+    left_out: set[pytest.Item] = set()
+    for group in groups.values():
+        options = group[0].get_closest_marker("long").kwargs
+        if options.get("by_turns"):
+            alone.append(group[0])
+            left_out |= {*group[1:]}
+        else:
+            left_out |= {*_left_out(group, options.get("one_of", _ONE_OF))}
+    left_out |= {*_left_out(alone, _ONE_OF)}
     items[:] = [item for item in items if item not in left_out]
     config.hook.pytest_deselected(items=list(left_out))
 
 
-def _left_out(group: list[pytest.Item]) -> list[pytest.Item]:
-    marker = group[0].get_closest_marker("long")
-    one_of = marker.kwargs.get("one_of", _ONE_OF) if marker is not None and hasattr(group[0], "callspec") else _ONE_OF
+def _left_out(group: list[pytest.Item], one_of: int) -> list[pytest.Item]:
     few = len(group) < one_of
     return group[1:] if few else sorted(group, key=_rank)[math.ceil(len(group) / one_of) :]
 

@@ -61,7 +61,7 @@ def end_campaign_workers(marker: Path) -> None:
         end(marker)
 
 
-@pytest.mark.long(one_of=2)
+@pytest.mark.long(by_turns=True)
 @pytest.mark.parametrize("ends", [end_all_cores, end_campaign_workers])
 def test_a_worker_in_the_middle_of_its_result_is_not_waited_for(tmp_path, ends):
     """In a process of its own, which a failure would stop for ever."""

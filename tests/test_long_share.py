@@ -23,6 +23,10 @@ def test_few(case): ...
 @pytest.mark.parametrize("seed", range(50))
 def test_costly(seed): ...
 
+@pytest.mark.long(by_turns=True)
+@pytest.mark.parametrize("seed", range(30))
+def test_turns(seed): ...
+
 @pytest.mark.long
 def test_alone(): ...
 
@@ -49,7 +53,7 @@ def collected(pytester):
 
 def test_a_plain_run_takes_a_tenth_of_each_test(collected):
     names = collected()
-    starts = ("test_seeds[", "test_few[", "test_costly[", "test_alone")
+    starts = ("test_seeds[", "test_few[", "test_costly[", ("test_alone", "test_turns[0]"))
     assert [sum(name.startswith(start) for name in names) for start in starts] == [5, 1, 2, 1]
     assert {"test_short", "test_few[a]"} <= set(names)
     assert names[:5] != [f"test_seeds[{i}]" for i in range(5)], "a choice, not the first ones"
@@ -57,4 +61,4 @@ def test_a_plain_run_takes_a_tenth_of_each_test(collected):
 
 
 def test_every_case_on_demand(collected):
-    assert len(collected("--long")) == 45 + 3 + 50 + 2 + 1
+    assert len(collected("--long")) == 45 + 3 + 50 + 30 + 2 + 1

@@ -80,7 +80,7 @@ assert mujoco.get_mju_user_warning() is None
     assert (tmp_path / "out" / "run.rrd").is_file()
 
 
-@pytest.mark.long(one_of=2)
+@pytest.mark.long(by_turns=True)
 @pytest.mark.parametrize("level", [None, "off"])
 def test_rerun_logs_as_the_user_says_or_as_the_run_does(level):
     """Its SDK reads RUST_LOG at its import: at ``trace`` it would say a lot."""

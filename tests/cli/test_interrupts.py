@@ -35,7 +35,7 @@ def test_a_loop_over_runs_ends_at_ctrl_c(tmp_path):
     assert ffsm_mj.load_run(tmp_path / "run0").outcome == "interrupted"
 
 
-@pytest.mark.long(one_of=30)
+@pytest.mark.long(by_turns=True)
 @pytest.mark.parametrize("seed", range(60))
 def test_ctrl_c_at_a_random_moment_of_a_command(tmp_path, seed):
     """Imports included, where Python makes another exception of it."""
@@ -74,7 +74,7 @@ def rows_of(folder: Path) -> int:
         return 0
 
 
-@pytest.mark.long(one_of=140)
+@pytest.mark.long(by_turns=True)
 @pytest.mark.parametrize("seed", range(140))
 def test_a_campaign_ends_whenever_its_parent_is_told_to(campaign, tmp_path, seed):
     """SIGTERM to the parent alone: its workers are gone, the rows stay, and ``resume`` finds the rest."""

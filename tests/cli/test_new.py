@@ -71,7 +71,7 @@ def refused(capfd, *arguments):
     return line
 
 
-@pytest.mark.long
+@pytest.mark.long(by_turns=True)
 @pytest.mark.parametrize(
     ("name", "text", "stripped"),
     [

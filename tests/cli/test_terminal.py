@@ -31,7 +31,7 @@ def squeezed(text: str) -> str:
     return "".join(text.split())
 
 
-@pytest.mark.long
+@pytest.mark.long(by_turns=True)
 @pytest.mark.parametrize(
     ("columns", "environment", "painted"),
     [

@@ -108,7 +108,7 @@ def assert_exact(problem, Q, blocks):
     assert error <= 1e-12 * max(np.abs(true[:2, 2:]).max(), np.abs(true[2:, 2:]).max())
 
 
-@pytest.mark.long(one_of=20)
+@pytest.mark.long(by_turns=True)
 @pytest.mark.parametrize("hundred", range(20))
 def test_thousands_against_forty_digits(hundred):
     """Warm solutions down to sigma_min / sigma_max = 1e-2."""

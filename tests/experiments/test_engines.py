@@ -195,7 +195,7 @@ print(table.column("impacts.0.impulse_N_s").to_pylist())
 """
 
 
-@pytest.mark.long
+@pytest.mark.long(by_turns=True)
 @pytest.mark.parametrize("how", ["script", "stdin"])
 def test_sweep_works_without_a_main_guard(tmp_path: Path, how: str) -> None:
     collisions(tmp_path)
@@ -224,7 +224,7 @@ def test_laws_of_a_script_run_where_they_are(tmp_path: Path, capsys: pytest.Capt
 
 
 @pytest.mark.slow
-@pytest.mark.long
+@pytest.mark.long(by_turns=True)
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_a_driver_that_is_killed_is_resumed_to_the_same_table(
     tmp_path: Path, in_a_loop: list[tuple[Any, ...]], number: signal.Signals

@@ -73,7 +73,7 @@ def test_a_quantile_is_an_order_statistic():
     assert quantile(values, 0.21).value == 2.0
 
 
-@pytest.mark.long
+@pytest.mark.long(by_turns=True)
 @pytest.mark.parametrize("share", [0.05, 0.5, 0.9])
 def test_intervals_of_quantiles_hold_as_often_as_they_say(share):
     """Of 4000 samples of 100 at least 95 %, to 5 sigma = 5 sqrt(.95 .05 / 4000) = 1.7 %; a missing end is no end."""

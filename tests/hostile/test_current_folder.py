@@ -57,7 +57,7 @@ def folder(tmp_path_factory) -> Path:
     return home
 
 
-@pytest.mark.long(one_of=11)
+@pytest.mark.long(by_turns=True)
 @pytest.mark.parametrize("words", COMMANDS.values(), ids=COMMANDS)
 def test_no_trap_springs(folder, words):
     done = subprocess.run([*FFSM, *words], cwd=folder, capture_output=True, text=True, check=False)

@@ -10,7 +10,7 @@ import pytest
 from tests.hostile.series import complaints, parts, run_series
 
 
-@pytest.mark.long
+@pytest.mark.long(by_turns=True)
 @pytest.mark.parametrize("part", parts(40, 2500), ids=str)
 def test_hostile_input(part, tmp_path):
     results = run_series(1, part.start, len(part), tmp_path, workers=1)

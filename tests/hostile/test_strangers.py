@@ -11,7 +11,7 @@ from tests.hostile.series import complaints, parts, run_series
 from tests.hostile.strangers import STRANGERS
 
 
-@pytest.mark.long
+@pytest.mark.long(by_turns=True)
 @pytest.mark.parametrize("part", parts(12, 250), ids=str)
 def test_strangers(part, tmp_path):
     results = run_series(STRANGERS, part.start, len(part), tmp_path, workers=1)

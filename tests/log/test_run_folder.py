@@ -221,7 +221,7 @@ def test_a_start_up_that_is_interrupted_exits_130_and_leaves_nothing(tmp_path, p
     assert list((tmp_path / "cwd").rglob("*")) == []
 
 
-@pytest.mark.long(one_of=20)
+@pytest.mark.long(by_turns=True)
 @pytest.mark.parametrize("seed", range(40))
 def test_no_kill_leaves_a_folder_without_a_log(tmp_path, seed):
     """At random times from the start of Python to the middle of the run, two thirds of them before the simulation starts."""

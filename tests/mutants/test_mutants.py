@@ -22,7 +22,7 @@ def product(tmp_path_factory):
     return folder
 
 
-@pytest.mark.long(one_of=70)
+@pytest.mark.long(by_turns=True)
 @pytest.mark.parametrize("mutant", MUTANTS, ids=[each.name for each in MUTANTS])
 def test_a_mistake_is_seen(mutant: Mutant, product: Path, tmp_path: Path):
     """Or the page says why no check sees it, and then none does."""
@@ -36,7 +36,7 @@ def test_a_mistake_is_seen(mutant: Mutant, product: Path, tmp_path: Path):
         assert set(mutant.caught_by) <= failing
 
 
-@pytest.mark.long(one_of=30)
+@pytest.mark.long(by_turns=True)
 @pytest.mark.parametrize("scene", sorted({each.scene for each in MUTANTS}))
 def test_without_mistakes_every_check_passes(scene, product, tmp_path):
     assert failing_checks(product, scene, tmp_path / "run") == (0, set())

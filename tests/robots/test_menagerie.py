@@ -39,7 +39,7 @@ def test_a_mesh_becomes_a_sphere_with_the_same_name_class_and_contype():
 
 
 @pytest.mark.slow
-@pytest.mark.long(one_of=70)
+@pytest.mark.long(by_turns=True)
 @pytest.mark.parametrize("robot", FILES)
 def test_a_ball_hits_every_robot(robot, request):
     """Unmodified but for meshes; those that are refused are so for a reason that names what is not modelled."""

@@ -80,7 +80,7 @@ def test_nees_and_nis_are_inside_their_bounds_through_a_grasp(systems):
     assert (without[0] > bounds(12, 2)[1]).all()
 
 
-@pytest.mark.long
+@pytest.mark.long(by_turns=True)
 @pytest.mark.parametrize("camera", [{}, {"delay_s": 0.1, "delay_jitter_s": 0.05, "dropout": 0.1}])
 def test_a_hundred_runs_through_a_grasp(systems, camera):
     nees, nis, dof = seeded(systems, range(100), encoder_rad=3.8e-4, **camera)

@@ -143,7 +143,7 @@ def test_mechanisms_move_the_same_without_free_flight(both, tmp_path, mjcf, join
     assert assert_same(runs) > 10
 
 
-@pytest.mark.long(one_of=25)
+@pytest.mark.long(by_turns=True)
 @pytest.mark.parametrize("name", sorted(scenario_names(), key=lambda name: name != "squeeze"))
 def test_every_scenario_is_the_same_without_free_flight(both, name):
     assert_same(both(name, {}))

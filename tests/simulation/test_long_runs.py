@@ -173,7 +173,7 @@ def test_a_long_run_is_exported_in_parts(tmp_path, monkeypatch, form):
 
 
 @pytest.mark.slow
-@pytest.mark.long
+@pytest.mark.long(by_turns=True)
 @pytest.mark.parametrize(("duration_s", "kept_MiB"), [(6, 4), (110, 64), (400, 64), (3000, 64)])
 def test_a_long_baseline_holds_in_little_memory_and_a_leak_is_found(tmp_path, duration_s, kept_MiB):
     """In 400 s L_z drifts by 7e-9 and the base by 47 m; in 3000 s by 5e-7 and 310 m. 1e-7 leaked near the end are found.

@@ -245,7 +245,7 @@ sys.exit(main(["validate", "seed-paper", "--page", sys.argv[1]]))
 """
 
 
-@pytest.mark.long(one_of=2)
+@pytest.mark.long(by_turns=True)
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_an_interrupted_page_leaves_no_worker_behind(tmp_path, number):
     process = subprocess.Popen(
