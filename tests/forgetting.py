@@ -5,13 +5,18 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import import_module
+from pkgutil import walk_packages
 from typing import Any
 
 from ffsm_mj.state import as_mappings
 
 
 def classes_with_state(package: str) -> dict[str, type[Any]]:
-    """All classes of a package with a state of their own by name, as far as it is imported."""
+    """All classes of a package with a state of their own by name, those of modules that are imported when needed too."""
+    for module in walk_packages(import_module(package).__path__, f"{package}."):
+        if not module.name.endswith("__main__"):
+            import_module(module.name)
     return {
         kind.__name__: kind
         for name, module in sorted(sys.modules.items())
