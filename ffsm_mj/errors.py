@@ -229,6 +229,6 @@ def raised_in(error: BaseException) -> FrameSummary | None:
 
 def unknown_name(kind: str, name: str, valid: Iterable[str]) -> str:
     """Sentence for a name that is not there: what it was meant to be, and the names that exist."""
-    names = sorted(set(valid))
+    names = sorted(set(valid), key=str.lower)
     allowed = ", ".join(names) if names else f"none, the model has no {kind}"
     return f"unknown {kind} {name!r}{did_you_mean(name, names)}; allowed: {allowed}"

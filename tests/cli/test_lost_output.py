@@ -120,11 +120,11 @@ def test_an_interrupted_export_leaves_the_earlier_file_whole(run, capsys, monkey
     assert main(["export", run, "--csv"]) == 0
     earlier = Path(run, "samples.csv").read_bytes()
 
-    def interrupted(_, stream):
+    def interrupted(stream, *_):
         stream.write(b"time_s,")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("ffsm_mj.report.export._write_csv", interrupted)
+    monkeypatch.setattr("ffsm_mj.report.export._writer", interrupted)
     before = sorted(os.listdir(run))
     assert main(["export", run, "--csv"]) == 130
     assert capsys.readouterr().err == "interrupted\n"

@@ -128,8 +128,14 @@ def _weighted(motion: Motion, M: FloatArray, J: FloatArray) -> FloatArray:
     In an impact these joints move: ``motion.constrained`` does not hold them.
     """
     L = np.linalg.cholesky(M)
+    free = np.linalg.solve(L, J.T).T
+    if motion.loops is None:
+        return np.asarray(free)
     # With the projection P = Mc^-1 M of the rows held, P M^-1 P^T = Mc^-1.
-    return np.linalg.solve(L, J.T).T if motion.loops is None else motion.loops.response(J) @ L
+    constrained = motion.loops.response(J) @ L
+    # Of a row that loops and friction hold altogether rounding is left, by which no force may be divided.
+    constrained[np.linalg.norm(constrained, axis=1) <= RANK * np.linalg.norm(free, axis=1)] = 0.0
+    return np.asarray(constrained)
 
 
 def _axes(point: PointAgain) -> FloatArray:
