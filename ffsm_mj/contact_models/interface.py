@@ -155,6 +155,7 @@ def event_fields(scene: Scene, instant: EventTime, before: FloatArray, number: i
     """
     system, data = scene.system, scene.data
     return {
+        # Times of two events may agree to the last bit: only the number orders them.
         "event": scene.numbers.next_number() if number is None else number,
         "time_s": instant.time_s,
         "step": instant.step,
@@ -178,6 +179,7 @@ def just_after(f: Callable[[float], float], start_s: float, end_s: float) -> flo
 
     root, late = float(brentq(f, start_s, end_s, xtol=EVENT_TIME_S, rtol=EVENT_TIME)), EVENT_TIME_S
     while True:
+        # Doubled: near a flat root the rounding of f lasts for many times EVENT_TIME_S.
         root, late = min(root + late, end_s), 2.0 * late
         if root >= end_s or f(root) < 0.0:
             return root
@@ -195,6 +197,7 @@ def first_root(f: Callable[[float], float], end_s: float) -> float:
         end_s: A time at which it is negative, s.
     """
     root = just_after(f, 0.0, end_s)
+    # Below this, an earlier root is at the same instant.
     while root > INSTANT_S:
         earlier = next((part * root for part in (0.25, 0.5, 0.75) if f(part * root) < 0.0), None)
         if earlier is None:
@@ -287,6 +290,7 @@ class EventSource(Source):
     records: ClassVar[tuple[RecordKind, ...]] = ()
     requests: Sequence[str] = ()
     resolves_impacts: ClassVar[bool] = False
+    # A source that detects nothing is never asked, however far the bodies move.
     event_bound = math.inf
     travels: tuple[Travel, ...] = ()
     bound_within = math.inf
@@ -295,6 +299,8 @@ class EventSource(Source):
         """Whether no event is possible up to a motion bound."""
         if motion_bound < self.event_bound:
             return True
+        # While no coordinate has come as far as the clearances reach, only what travels do not cover, as joint limits, is
+        # bounded by the energy.
         return bool(self.travels) and motion_bound < self.bound_within and all(travel.is_within for travel in self.travels)
 
     def due(self) -> bool:
@@ -349,6 +355,7 @@ class EventSource(Source):
         Returns:
             The effect, whose records are compared with the logged ones; None if no event is possible here.
         """
+        # The same code as in a run: what a replay compares is the event itself, not a second account of it.
         self.prepare_replay(event.records)
         return self.act(EventTime(event.time_s, event.step))
 

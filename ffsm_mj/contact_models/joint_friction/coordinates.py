@@ -100,9 +100,11 @@ class CoordinatesOfMotion:
         self._paths = {i: paths[i] for i, t in enumerate(self._tendons.tolist(), n) if not is_fixed_tendon(model, t)}
         self.moving: BoolArray = np.zeros(len(on.names), dtype=np.bool_)
         self.moving[[*self._paths]] = True
+        # These only scale what is brief and how fast rows turn: those of constant rows need not follow the pose.
         self._mobilities = np.concatenate((model.dof_invweight0[self._dofs], model.tendon_invweight0[self._tendons]))
         self._stages: list[FloatArray] = []
         self._motion, self._internal = motion, np.ones(model.nv, dtype=np.bool_)
+        # Motion of the base turns all links alike, and no row of a tendon against them.
         self._internal[[motion.dofs[dof] for dof in on.of_bases if motion.dofs[dof] >= 0]] = False
 
     def values(self) -> FloatArray:
@@ -141,6 +143,7 @@ class CoordinatesOfMotion:
         twice = float(v @ mass_matrix(self._model, self._data) @ v)
         mobilities, lengths = self.mobilities(), self.values()
         for i, path in self._paths.items():
+            # Without motion no row turns at a rate, but a path may still be short.
             bend = abs(path.row()[1]) / twice if twice > 0.0 else 0.0
             fastest = max(fastest, abs(forces[i]) * max(bend, float(mobilities[i] / max(lengths[i], _SHORTEST_M))))
         return float(np.sqrt(fastest))
@@ -164,6 +167,7 @@ class CoordinatesOfMotion:
 
     def stop(self, which: BoolArray) -> None:
         """Remove what rounding has left of the rates of joints at rest."""
+        # Joints alone: the rate of a tendon is a sum of several, which the projection has brought to zero.
         self._data.qvel[self._dofs[which[: len(self._dofs)]]] = 0.0
 
     # ---- Ways in a step
@@ -179,6 +183,7 @@ class CoordinatesOfMotion:
         if not len(self._tendons) or forced is None:
             return
         rates = self._rows_of_tendons() @ self._data.qvel
+        # An implicit step evaluates its nodes in several passes, of which the last one counts.
         if forced.repeats:
             self._stages[forced.repeats] = rates
         else:

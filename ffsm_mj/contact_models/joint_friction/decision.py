@@ -97,6 +97,7 @@ def bounded_forces(W: FloatArray, b: FloatArray, low: FloatArray, high: FloatArr
     forces = np.where(moves < 0.0, high, np.where(moves > 0.0, low, forces))
     bound = free & (moves == 0.0)
     if bound.any():
+        # Coupled rows make G singular: of the forces with one effect, those of the least change.
         left = b[bound] + G[bound] @ forces
         forces[bound] -= np.linalg.lstsq(G[np.ix_(bound, bound)], left, rcond=RANK)[0]
     return BoundedForces(forces, b + G @ forces, moves)
@@ -107,6 +108,7 @@ def _certain(W: FloatArray, b: FloatArray, high: FloatArray, rubs: BoolArray, fr
     certain = np.zeros(len(b), dtype=np.bool_)
     sizes = np.linalg.norm(W, axis=1)
     needs = np.where(rubs, np.abs(b) / np.where(rubs, sizes, 1.0), 0.0)
+    # With one row left nothing is lost beside it: its force follows by clipping.
     while np.count_nonzero(free & ~certain) > 1:
         most = int(np.argmax(np.where(certain, 0.0, needs)))
         others = free & ~certain
@@ -126,10 +128,12 @@ def _bounded(W: FloatArray, b: FloatArray, low: FloatArray, high: FloatArray, si
         return np.clip(-b / float(W[0] @ W[0]), low, high)
     from scipy.optimize import lsq_linear  # takes a second to import: only decisions between several rows pay
 
+    # Units of the rows differ, N and N m, and the solver ends by an absolute tolerance: all are scaled to the order of one.
     scale = float(np.abs(b / sizes).max())
     if scale == 0.0:
         return np.zeros(len(b))
     rows = W / sizes[:, None]
+    # Any w with W w = b will do: what is orthogonal to all rows adds a constant to the norm.
     w = np.linalg.lstsq(rows, b / sizes / scale, rcond=None)[0]
     compliant = np.vstack((rows.T, np.sqrt(_COMPLIANCE) * np.eye(len(b))))
     bounds = low * sizes / scale, high * sizes / scale
@@ -213,6 +217,7 @@ def decided(joints: RestRows, contacts: RestRows | None, slow: BoolArray, before
         slow: Joints at rest, (k,).
         before: Senses: of joints at rest those in which they begin to slide, 0 if that is to be found, (k,).
     """
+    # A joint that moves rubs against its rate, which no force changes at an instant.
     if not slow.any():
         return Senses.without_contacts(before)
     starts = slow & (before != 0.0)
@@ -221,6 +226,7 @@ def decided(joints: RestRows, contacts: RestRows | None, slow: BoolArray, before
         rows = RestRows(*(array[still] for array in joints))
         if contacts is not None:
             rows = RestRows(*(np.concatenate(both) for both in zip(rows, contacts, strict=True)))
+        # What slides has the size and sense of its friction: a load on those that are still.
         pushed = joints.W.T @ (joints.high * slides)
         solution = bounded_forces(rows.W, rows.b - rows.W @ pushed, rows.low, rows.high, rows.masses)
         count = int(still.sum())
@@ -230,6 +236,7 @@ def decided(joints: RestRows, contacts: RestRows | None, slow: BoolArray, before
         back = starts & (slides * a < -_SURE * (np.abs(joints.b) + np.sum(joints.W**2, axis=1) * joints.high))
         if not back.any():
             break
+        # Each pass takes a joint from those that start: the loop ends.
         starts &= ~back
     chosen = Senses.without_contacts(slides)
     if contacts is None:
@@ -266,6 +273,7 @@ def _shared(rows: RestRows, forces: FloatArray, count: int) -> FloatArray:
         least = np.vstack((_EXACT / scale * scaled.T, np.diag(size)[:count]))
         low, high = np.append(-np.ones(count), rows.low[count:]), np.append(np.ones(count), rows.high[count:])
         shares = lsq_linear(least, np.append(_EXACT / scale * effect, np.zeros(count)), (low, high), method="bvls").x[count:]
+        # Contacts that carry nothing in the least solution block nothing: only along the others is the friction idle.
         carries = carries | (shares > _IDLE * np.abs(shares).max(initial=0.0))
     of_contacts = np.linalg.svd(rows.W[count:][carries], full_matrices=False)
     V = of_contacts[2][of_contacts[1] > _IDLE * of_contacts[1].max(initial=0.0)]

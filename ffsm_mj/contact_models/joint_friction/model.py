@@ -103,6 +103,8 @@ class JointFriction(EventSource, ForceSource, Replayable):
         """
         super().__init__(scene)
         self._on, self._others, self._contacts = coordinates, tuple(others), contacts
+        # Rows at rest are held under all other forces, so contacts, which answer these, and their friction must be known
+        # first.
         self.loops = LoopForces(scene, (contacts, *others, self), rubs=True)
         count = len(coordinates.names)
         self.senses, self._friction, self._heat = np.zeros(count), np.zeros(count), np.zeros(3)
@@ -195,6 +197,7 @@ class JointFriction(EventSource, ForceSource, Replayable):
         self._decide()
         self._at_start = None
         rates = self._moved.rates()[self.senses == 0.0]
+        # A rate that is kept creeps; one of rounding comes back with every step, and a projection would not end it.
         if rates.any() and np.abs(rates).max() > _ROUNDING * (1.0 + np.abs(self.motion.data.qvel).max()):
             self._at_start = self._stop(self.senses == 0.0)
         self._moved.begin_step()
@@ -203,6 +206,7 @@ class JointFriction(EventSource, ForceSource, Replayable):
         """Longest step in which forces of tendons that slide turn little: a huge friction makes a whole one wild."""
         if not (self._slides and self._moved.moving.any()):
             return left_s
+        # The turn of a row under its force acts as a stiffness: steps follow it as they do springs (MODE_STEP).
         rate = self._moved.turning_rate(self._on.limits * self.senses)
         return min(left_s, MODE_STEP / rate) if rate > 0.0 else left_s
 
@@ -300,6 +304,7 @@ class JointFriction(EventSource, ForceSource, Replayable):
         L = np.linalg.cholesky(mass_matrix(motion.model, motion.data))
         contacts = self._contacts.contact_rows()
         if contacts is not None:
+            # Friction of sliding contacts is mu N of the present decision: a load, as its size is not free.
             others = others + contacts.friction
         free, limits = self._free_acceleration(others), self._on.limits
 
@@ -311,6 +316,8 @@ class JointFriction(EventSource, ForceSource, Replayable):
         of_contacts = None
         if contacts is not None:
             endless = np.full(len(contacts.gamma), np.inf)
+            # Tangents of sticking points may push and pull here; whether they stay inside their cones the contacts decide,
+            # under the friction that is chosen now.
             of_contacts = weighted(contacts.J, contacts.gamma, np.where(contacts.unilateral, 0.0, -endless), endless)
         return decided(of_joints, of_contacts, slow, senses)
 
@@ -347,6 +354,7 @@ class JointFriction(EventSource, ForceSource, Replayable):
             rounding = _ROUNDING * (1.0 + float(np.abs(self.motion.data.qvel).max()))
             turns = float((self.senses * self._moved.rates())[slides].min()) + rounding
         if self._rest.any():
+            # As a share of the limit: those of joints and tendons differ in unit and by orders of magnitude.
             breaks = 1.0 + _BEYOND - float((np.abs(self._shared()) / self._on.limits[self._rest]).max())
         return turns, breaks
 
@@ -360,6 +368,7 @@ class JointFriction(EventSource, ForceSource, Replayable):
         assert loops is not None
         rows = self._rest_rows[:, self._rest]
         holds = loops.holds @ rows
+        # Shares of least norm are a convention: one beyond its limit lets nothing break away while other shares hold.
         if np.all(np.abs(holds) <= limits) or not (idle := loops.idle).any():
             return holds
         return least_use(holds, idle @ rows, limits)
@@ -410,6 +419,7 @@ class JointFriction(EventSource, ForceSource, Replayable):
         breaks = self._rest & (np.abs(holds) >= (1.0 - _REACHED) * self._on.limits)
         if not (stops.any() or breaks.any()):
             return None
+        # At the limit the acceleration is zero and its sign rounding: a joint slides against the friction that held it.
         forced = np.where(breaks, -np.sign(holds), np.where(stops, 0.0, before))
         self._set(self._decided(others, forced, stops))
         # Where the length of a tendon is extreme its row vanishes, and its rate passes zero while its joints move on: these
@@ -447,6 +457,7 @@ class JointFriction(EventSource, ForceSource, Replayable):
         before = self.scene.data.qvel.copy()
         rows = self._moved.rows()[which]
         if motion.loops is not None and motion.loops.sources:
+            # With the rows of loops: to stop a joint alone would tear them.
             rows = np.concatenate((motion.loops.rows().J, rows))
         weighted = MassWeightedRows(mass_matrix(motion.model, motion.data), rows)
         motion.data.qvel[:] += weighted.change(rows @ motion.data.qvel)
@@ -456,6 +467,7 @@ class JointFriction(EventSource, ForceSource, Replayable):
         motion.free_flight.account(0.0)
         now, momentum = self.scene.data.qvel, np.empty(system.mj.nv)
         mujoco.mj_mulM(system.mj, self.scene.data, momentum, now - before)
+        # The difference of two kinetic energies as a product: it does not lose the digits in which they agree.
         gained = 0.5 * momentum * (now + before)
         return self._by_subsystem(np.array([gained[tree.dofs].sum() for tree in system.trees]))
 

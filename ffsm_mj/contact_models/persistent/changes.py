@@ -61,6 +61,7 @@ class ContactChanges:
             names = {record.pair for record in event.records}
             points = [contact for contact in self._closed.contact_points if contact.pair.name in names]
             self._closed.modes.assume(points, sticks=slips)
+        # Events before a step are due by efforts or other events: only within one do points reach the limit of friction.
         if event.in_step:
             self._closed.note_release(slips=slips)
 
@@ -91,6 +92,7 @@ class ContactChanges:
         ends = [
             pair
             for pair, contact_points in self._closed.by_pair.items()
+            # Of a pair without points, too: the empty set is a part of any.
             if set(contact_points).issubset(leaving) or pair in lost
         ]
         if ends:
@@ -108,6 +110,7 @@ class ContactChanges:
             return None
         before = _slides(decision.contact_points, kinds)
         after = _slides(decision.contact_points, decision.kinds.tolist())
+        # A pair without a mode before has just begun: that record says whether it slides.
         changed = [pair for pair, slides in after.items() if pair in before and before[pair] != slides]
         slips, sticks = [pair for pair in changed if after[pair]], [pair for pair in changed if not after[pair]]
         return (CONTACT_SLIPS, slips) if slips else (CONTACT_STICKS, sticks) if sticks else None
@@ -149,6 +152,7 @@ class ContactChanges:
         closed, leaving, beyond = self._closed, self._closed.leaving(), self._closed.pairs_outside_feature()
         for pair in pairs:
             if pair in beyond:
+                # A corner that slides off a face may find an edge: the points of the old feature say nothing of it.
                 closed.set_points(pair, self._features_now(pair))
             else:
                 closed.set_points(pair, [contact for contact in closed.by_pair[pair] if contact not in leaving])
@@ -156,6 +160,8 @@ class ContactChanges:
     def _features_now(self, pair: UnilateralConstraint) -> tuple[ContactPoint, ...]:
         """Contact points of a pair that left a feature: none if, for example, a corner slid off a face."""
         near = pair.proximity(self._scene.system.mj, self._scene.data)
+        # At the bound of its feature the normal of a round geom has turned, and the gap rate along the new one is not
+        # rounding.
         return points_at_rest(self._scene, pair, near, switched_rate_tolerance(near))
 
 
@@ -200,6 +206,7 @@ class ChangeRecords:
         """
         scene, report = self._scene, self._report
         geoms, limits = by_kind(pairs)
+        # Before the change: a pair that opens has no contact points after it.
         before, places, at_limits = report.forces_before(geoms), report.places(geoms), self._limits.forces_before(limits)
         apply()
         places |= report.places([pair for pair in geoms if pair in self._closed.by_pair])
@@ -232,4 +239,5 @@ def listed_pairs(events: Sequence[LoggedEvent], pairs: Sequence[ContactPair], ru
     """
     records = [record for event in reversed(events) for record in event.records if isinstance(record, ContactRecord)]
     names = set(records[0].closed_pairs) if records else set()
+    # Ends may be missing in a damaged log: the columns of the row know better than the last record.
     return [pair for pair in pairs if pair.name in names and pair.rule in rules]

@@ -90,6 +90,7 @@ class Clearance:
 
     def _gap_elsewhere(self, pair: ContactPair, gaps: Sequence[float]) -> float:
         """Gap of a pair less the deepest of its contact points, m."""
+        # The drift of closed points lowers the whole pair: only what is deeper than they are is another point.
         return self._pair_gap(pair) - min([0.0, *gaps])
 
     def _pair_gap(self, pair: ContactPair) -> float:
@@ -100,10 +101,12 @@ class Clearance:
         """
         data = self._scene.data
         gap = pair.gap(self._model, data, 1.0)
+        # One distance query excludes an overlap at nearly every step; points and rates are needed only beyond.
         if gap > -_OVERLAPS_M:
             return gap
         near = pair.proximity(self._model, data)
         passed = near.gap < -max(LANDING_DEPTH_M, pair.position_tolerance)
+        # Where the point separates already there is no impact to resolve: an event there would change nothing.
         return near.gap if near.approaches or passed else max(near.gap, 0.0)
 
     def overlapping_features(self, gaps_of: GapsOf) -> list[Feature]:
@@ -132,6 +135,7 @@ def _lie_flat(features: Sequence[Feature]) -> bool:
     if len(places) < 3:
         return False
     longest, across, _ = np.linalg.svd(np.array(places) - np.mean(places, axis=0), compute_uv=False)
+    # Points near one line leave the tilt about it open: level corners there do not keep the others level.
     return bool(across > _NARROW * longest)
 
 
@@ -190,7 +194,9 @@ class Tilts:
         if tilt is None or rate is None or not any(rate):
             return math.inf
         size = math.hypot(*tilt)
+        # The event is at one _TILT_SHARE: a step of twice that contains it, and its stages stay short of the flat state.
         limit, turn = 2.0 * _TILT_SHARE * size / math.hypot(*rate), math.hypot(*cross(tilt, rate))
+        # The tilt turns at |tilt x rate| / |tilt|^2, and the contact point travels round the rim with it.
         return min(limit, _TURN * size * size / turn) if turn * left_s > size * size else limit
 
     def pairs_at_limit(self) -> list[UnilateralConstraint]:

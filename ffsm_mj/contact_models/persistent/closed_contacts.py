@@ -235,6 +235,7 @@ class ClosedContacts:
             )
         self._count()
         self.set_pressing(tuple(self.contact_points[i] for i in values["pressing"]))
+        # After set_pressing, which counts the points that press now: the run may have found the patch at others.
         self.solver.flat = frozenset(pairs[name] for name in values["flat"])
         self.modes.set_state(values["modes"], self.contact_points)
         self._chosen = None
@@ -306,6 +307,7 @@ class ClosedContacts:
             if self.pressing:
                 self.stages.append(solver.stage_forces(self.pressing).add(applied))
             return
+        # All other sources have pushed by now: what is applied is the load on the contacts.
         solver.other_forces = applied.copy()
         if not self.pressing:
             return
@@ -318,6 +320,7 @@ class ClosedContacts:
                 forced.stage.stiff = self._slips = ImplicitSlips(evaluation)
             stage, generalised = self._slips.stage_of(evaluation, forced.stage.node)
         applied += generalised
+        # An implicit step evaluates each node in several passes: the balance integrates the last one.
         if forced.repeats:
             self.stages[forced.repeats] = stage
         else:
@@ -377,6 +380,8 @@ class ClosedContacts:
         """Set the active set."""
         self.pressing = pressing
         count_of = Counter(contact.pair for contact in pressing)
+        # The points of a flat patch share one normal: those of each would let tilts grow without bound where the patch
+        # shrinks to a line (_in_patch in contact_points.py).
         self.solver.flat = frozenset(pair for pair, points in count_of.items() if points >= _PATCH_POINTS)
         self._tilts.set_points(pressing)
 
@@ -394,6 +399,7 @@ class ClosedContacts:
             limit = min(limit, self._tilts.step_limit(left_s))
         if self._chosen is not None:
             modes = self.modes
+            # A jump of the efforts begins a layer: any change of them counts (docs/derivations.md).
             limit, forced.implicit, modes.layers = step_rule(
                 self._chosen, modes.layers, limit, self.motion.data.time, self.data.ctrl.tobytes()
             )
@@ -413,6 +419,8 @@ class ClosedContacts:
         decision = self.decide()
         inside, gap, rate, _ = decision.rows.extremes
         # All terms are continuous in time, as bracketing needs; their units differ, but only the sign counts.
+        # Beyond the bound of a feature, not at it: without hysteresis a contact there would change its feature at each
+        # evaluation.
         bounds = inside + FEATURE_BOUND_M, DRIFT_M - gap, DRIFT_M_S - rate, *self._tilts.margins()
         return min(*bounds, self._clearance_elsewhere(decision), decision.validity_margin(exact=exact))
 
@@ -429,6 +437,7 @@ class ClosedContacts:
 
     def is_settled(self) -> bool:
         """Whether no contact point opens, leaves its feature or changes its mode, and no pair touches at another point."""
+        # A pair without points has nothing that could change any more, but its end is due.
         if not self.contact_points or not all(self.by_pair.values()):
             return False
         decision = self.decide()
@@ -462,6 +471,7 @@ class ClosedContacts:
     def touches_elsewhere(self) -> bool:
         """Whether a closed pair touches at a point other than its contact points, as a cap does that has fallen flat."""
         decision = self.decide() if self.contact_points else None
+        # A cap that has fallen flat touches all round its rim before any other point of it overlaps.
         return self._clearance_elsewhere(decision) < 0.0 or self._tilts.least_rise() < 0.0
 
     def overlapping_features(self) -> list[Feature]:

@@ -54,6 +54,7 @@ def switched_rate_tolerance(near: Proximity) -> float:
 
 def closed_and_still(near: Proximity, still: float) -> bool:
     """Whether a pair is in contact and one of its points neither approaches nor separates."""
+    # One point at rest is enough: the others of a patch may lift off, as those of a block that rocks on an edge.
     return near.gap <= CONTACT_GAP_M and bool(np.abs(near.rates).min() <= still)
 
 
@@ -62,6 +63,7 @@ def closed_after_change(pairs: ClosedPairs, closed: Collection[UnilateralConstra
     for pair, near in pairs:
         # A deeper overlap at release is not a closed contact: the impact model resolves it.
         if abs(near.gap) <= CONTACT_GAP_M:
+            # The rates of a closed pair have drifted with the steps; a new one must be at rest to rounding.
             yield pair, near, closed_rate_tolerance(near) if pair in closed else near.rate_tolerance
 
 
@@ -71,6 +73,7 @@ def closed_at(
     """Pairs near contact at the state in ``data``; those in ``held`` were closed before it."""
     model, data = scene.system.mj, scene.data
     for pair in pairs:
+        # The distance query may be wrong by DISTANCE_QUERY_M: at ten times that it leaves out no pair in contact.
         if pair.gap(model, data, 1.0) <= CLEARLY_APART_M:
             near = pair.proximity(model, data)
             yield pair, near, closed_rate_tolerance(near) if pair in closed else near.rate_tolerance
@@ -131,4 +134,5 @@ def _is_among(points: Sequence[ContactPoint], new: ContactPoint, at: FeatureStat
     """Whether some contact points have one at this position, or this joint limit."""
     if isinstance(new.pair, JointLimit):
         return any(contact.pair is new.pair for contact in points)
+    # A corner at the bounds of two features is found by both: closed twice, it would bear two shares of the load.
     return any(math.dist(contact.feature.at(data).point, at.point) < FEATURE_BOUND_M for contact in points)

@@ -280,6 +280,7 @@ class ContactReport(_ForceTable):
             pairs = [friction for pair, _ in resultants if (friction := by_pair.get(pair))]
             if pairs:
                 rubbing[rule] = pairs
+                # By definition a pair slides while any of its points does (docs/friction.md).
                 mode = SLIDING if any(pair.slides for pair in pairs) else STICKING
             self._values[self._rules[rule], :IMPULSE] = (mode, *values)
         self.friction.write(rubbing)
@@ -310,6 +311,7 @@ class ContactReport(_ForceTable):
         for contact, state, size, along in zip(
             decision.contact_points, decision.rows.states, decision.forces.tolist(), decision.friction, strict=True
         ):
+            # A limit acts along a joint, not at a point: add_forces enters it.
             if size and not isinstance(contact.pair, JointLimit):
                 force = size * state.normal + along
                 out += [Wrench(contact.pair.body_a, state.point, -force), Wrench(contact.pair.body_b, state.point, force)]
@@ -324,11 +326,13 @@ class ContactReport(_ForceTable):
     def forces_before(self, pairs: Sequence[ContactPair]) -> dict[ContactPair, float]:
         """Resultant forces at the end of the last step, N; 0 if there was no step since the last event."""
         closed, forces = self._closed, dict.fromkeys(pairs, (0.0, 0.0, 0.0))
+        # After an event there is no force just before: what acted belongs to efforts or modes that are gone.
         if closed.stages:
             runs = point_runs(closed.pressing)
             for run, (x, y, z, *_) in zip(runs, closed.stages[-1].wrenches, strict=True):
                 pair = closed.pressing[run.start].pair
                 if isinstance(pair, ContactPair) and pair in forces:
+                    # As the last stage gave it: a decision at this state would have the forces after the event.
                     forces[pair] = shifted((x, y, z), 1.0, forces[pair])
         return {pair: math.hypot(*force) for pair, force in forces.items()}
 
@@ -341,6 +345,7 @@ class ContactReport(_ForceTable):
                 part = points_of(pair, points)
                 centres[pair] = resultant(points, decision.rows, decision.forces, part, decision.friction)
             else:
+                # A pair without contact points has no centre of pressure: its place is where the geoms are nearest.
                 near = pair.proximity(self._scene.system.mj, self._scene.data)
                 centres[pair] = Resultant(np.zeros(3), near.points.mean(axis=0), near.normal)
         return centres
@@ -439,6 +444,7 @@ class StepAccount:
         closed, system, motion = self._closed, self._system, self._closed.motion
         if not closed.pressing:
             return self.projected, {}
+        # Signs depend on which bodies are grasped, and thus on the motion.
         key = closed.pressing, motion
         if self._shares_cache is None or self._shares_cache[0] != key:
             self._shares_cache = (
@@ -461,6 +467,8 @@ class StepAccount:
     def add_overlap(self) -> None:
         """Update the deepest overlap at the state in ``data``; joint limits have columns of their own."""
         points, rows = self._closed.contact_points, self._closed.decide().rows
+        # Overlaps of geoms have one column in m, overruns of limits others in rad or m: only with both is the pair of a gap
+        # needed.
         if points and not any(isinstance(pair, JointLimit) for pair in self._closed.by_pair):
             self._overlap.add(points[0].pair, rows.extremes.lowest)
             return

@@ -45,6 +45,7 @@ def over_one_face(one: Feature, other: Feature) -> bool:
 
 def point_runs(contact_points: Sequence[ContactPoint]) -> list[slice]:
     """Runs of contact points that are evaluated together."""
+    # Points over one face are one group of the core: the twists of both bodies give the rows of all of them.
     starts = [
         i
         for i, point in enumerate(contact_points)
@@ -127,7 +128,10 @@ class SingleState:
         twist, (u, v, w) = self._twist, self._state.point_rate
         rows[0, :, :3], rows[0, :, 3:] = np.cross(self._arm, axes), axes
         passing = shifted(twist.acceleration, 1.0, cross(twist.alpha, self._arm))
+        # With the velocity of the contact point, which moves over both bodies: rows of a point fixed to one bend the path of
+        # a sphere that rolls and spins (docs/derivations.md).
         gamma[0] = axes.dot(shifted(passing, 1.0, cross(twist.omega, (u, v, w))))
+        # The normal turns, too: the second rate of the gap has n' . u besides n . u'.
         gamma[0, 0] = self._normal_gamma()
 
 
@@ -152,6 +156,7 @@ def _in_patch(state: FeatureState, twist: PairTwist) -> FeatureState:
     """
     (x, y, z), (i, j, k) = state.point.tolist(), state.normal.tolist()
     w = shifted(twist.velocity, 1.0, cross(twist.omega, minus((x, y, z), twist.b.centre)))
+    # The cross term 2 n' . u in the second derivative of n . (x_b - x_a), with n' = omega_a x n.
     bend = 2.0 * dot(cross(twist.a.omega, (i, j, k)), w)
     return state._replace(point_a=state.point, point_b=state.point, bend=bend, scale=max(state.scale, abs(bend)))
 
@@ -214,7 +219,9 @@ class PointRows:
 
     def close_loops(self, loops: ClosedLoops) -> None:
         """Take the accelerations of the points with closed loops; called before anything else is computed from the rows."""
+        # What the loops take cancels against these terms: the rounding of the accelerations is that of the terms before.
         self.memory.unclosed = self.response.copy()
+        # A contact force accelerates only what the loops leave free; with M^-1 in place of Mc^-1 it would pull them apart.
         self.response[:] = loops.response(self.J)
         self.loop_rates = self.J.dot(loops.acceleration())
         self.gamma[:] += self.loop_rates
@@ -286,6 +293,7 @@ class PointRows:
     @cached_property
     def speed_rounding(self) -> FloatArray:
         """Rounding of the slip speeds, m/s, (k,)."""
+        # The terms count, not their sum: on fast bodies a slip of zero is a difference of large numbers.
         terms = np.abs(self.J * self.qvel).reshape(len(self.axes), -1).max(axis=1, initial=0.0)
         return np.asarray(RATE * (1.0 + terms))
 

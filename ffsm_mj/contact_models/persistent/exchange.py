@@ -88,6 +88,7 @@ def robot_dofs(system: System, motion: Motion) -> slice:
     """Degrees of freedom of the robot in a motion, including a grasped object."""
     model = motion.model
     root = model.body_rootid[motion.bodies[system.robot.root]]
+    # MuJoCo numbers degrees of freedom depth first: those of one tree are consecutive.
     flags = np.flatnonzero(model.body_rootid[model.dof_bodyid] == root)
     return slice(int(flags[0]), int(flags[-1]) + 1)
 
@@ -108,11 +109,14 @@ def exchanged(
     """
     sizes = dict[UnilateralConstraint, float]()
     for pair, groups, first in shares.pairs:
+        # A limit acts along its joint alone: its force has no wrench.
         if isinstance(pair, JointLimit):
             sizes[pair] = float(parts.dot([stage.forces.item(first) for stage in stages]))
         elif len(groups) == 1:
             sizes[pair] = sums.sizes[groups[0]]
         else:
+            # The norm of the resultant, not the sum of norms: in one pair forces at different features may oppose each
+            # other.
             of_pair = np.array([stage.wrenches[groups, :3].sum(axis=0) for stage in stages])
             sizes[pair] = float(parts.dot(np.linalg.norm(of_pair, axis=1)))
     return sums.exchange(*shares.of_groups, robot), sizes

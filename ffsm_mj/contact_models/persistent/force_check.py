@@ -155,6 +155,7 @@ def _modes(closed: ClosedContacts, points: Sequence[PointAgain], u: FloatArray) 
     for i, point in enumerate(points):
         contact = _same_point(closed, point)
         kinds[i] = replayed[contact] if contact is not None else Mode.CLOSED
+        # The velocity decides, not the replay: a run that takes a sliding point for a sticking one fails by its forces.
         if kinds[i] == Mode.STICK and math.hypot(*u[i, 1:].tolist()) > closed_rate_tolerance(point.near):
             kinds[i] = Mode.SLIDE
     return kinds, _ROUNDINGS * float(decision.rounding.max(initial=0.0))
@@ -172,6 +173,7 @@ def _forces(A: FloatArray, b: FloatArray, active: Sequence[int], along: FloatArr
     if not len(active):
         return np.zeros((len(b) // 3, 3))
     U, sizes, _ = np.linalg.svd(A[active], full_matrices=False)
+    # Singular values of A are the roots of the eigenvalues of A A^T, of which the run drops those below RANK.
     U = U[:, sizes > math.sqrt(RANK) * sizes[0]]
     system = U.T @ A[active] @ (along.T @ A).T @ U
     shares = U @ np.linalg.lstsq(system, -U.T @ b[active], rcond=None)[0]
@@ -181,6 +183,7 @@ def _forces(A: FloatArray, b: FloatArray, active: Sequence[int], along: FloatArr
 def _in_cones(A: FloatArray, forces: FloatArray, mu: FloatArray, kinds: IntArray) -> FloatArray:
     """Forces with the shares of sticking points inside their cones, if others of the same effect are, (k, 3)."""
     sticks = np.flatnonzero(kinds == Mode.STICK)
+    # Of redundant points any share inside the cones will do: one outside is no violation while another is inside.
     if not len(sticks) or depth(forces[sticks], mu[sticks]) >= 0.0:
         return forces
     rows = A.reshape(len(forces), 3, -1)[sticks].reshape(3 * len(sticks), -1)
@@ -210,6 +213,7 @@ def _violation(
     outside = -depth(forces[sticks], mu[sticks]) if sticks.any() else 0.0
     # Normal forces that pull, and gaps that close.
     negative = np.where(kinds == Mode.CLOSED, rates, forces[:, 0] * inverse_mass)[moves]
+    # Compared as accelerations, of which the rounding is known; where no force moves a gap, neither says anything.
     normal = np.maximum(-negative - rounding, 0.0) / inverse_mass[moves]
     return max(outside, float(normal.max(initial=0.0)), 0.0)
 
@@ -354,6 +358,8 @@ class ForceCheck:
                 again = [PointAgain(*values, rate) for values, rate in zip(points, second_rates, strict=True)]
                 return resultants_with_friction(self._closed_set, again, contacts, motion, moving, M)
             A = _weighted(motion, M, np.stack([contact_jacobian(motion.model, moving, contact) for contact in contacts]))
+        # Without friction the problem is convex: one projection gives the accelerations, least norm the shares of the
+        # convention.
         forces = least_norm(A, project(A, np.linalg.lstsq(A, rates, rcond=None)[0]))
         resultants: dict[UnilateralConstraint, Any] = {}
         for (pair, near, _), force in zip(points, forces.tolist(), strict=True):
@@ -375,6 +381,7 @@ class ForceCheck:
             motion.push_without_contacts(scratch)
             yield scratch, scratch
             return
+        # Loops and the motion of a grasp are bound to their own data: evaluated there, and put back.
         applied = motion.data.qfrc_applied.copy()
         try:
             motion.data.ctrl[:] = data.ctrl
@@ -393,6 +400,7 @@ def _points_with_normals(
     """Points of a pair that are closed, each with the proximity that has its normal."""
     if isinstance(pair, ContactPair) and pair.flush_angle > 0.0:
         ends = _ends_of_side(pair, near, states)
+        # A deeper overlap is that of a point that the contact model does not have: then the support functions decide alone.
         if ends and near.gap >= -LANDING_DEPTH_M:
             return ends
     return [(near, point) for point in _closed_points(near, [state.point for state in states])]

@@ -89,9 +89,11 @@ class DriftProjection:
 
     def remove_drift(self) -> Exchange | None:
         """Project the state in ``data`` at the start of a step if needed; returns the energy and momentum this changed."""
+        # Below these tolerances a projection would change the energy at each step by its own rounding, and nothing else.
         if not self._closed.contact_points or not needs_projection(*drift_of(self._closed)):
             return None
         contact_points, motion = self._closed.contact_points, self._closed.motion
+        # Fixed bodies may take momentum from the system; between free ones P and L must stay as they are.
         outside = Shares.of(self._system, contact_points, motion.grasped_bodies).outside != 0.0
         projected = unit_wrenches(self._closed, outside.any(axis=0))
         return self.projection.apply(motion, lambda: rows_to_project(self._closed), projected, outside.any(axis=1))
@@ -148,6 +150,8 @@ def first_change(closed: ClosedContacts, times_s: Sequence[float]) -> tuple[floa
 
     for invalid_s in times_s:
         path.move_to(invalid_s)
+        # Here with the excess up to which points stick: a step that ends inside it has no event, although its root is at the
+        # limit.
         if closed.witness_value() < 0.0:
             break
     else:
@@ -169,6 +173,7 @@ def _landing_time(closed: ClosedContacts, seen_s: float) -> float:
         path.move_to(time_s)
         return min(feature.at(closed.data).gap for feature in overlapping)
 
+    # A cap that falls flat has no other point below zero: its landing is where its rise was lost.
     if not overlapping:
         return seen_s
     # brentq needs a sign change. A point that rocks may have lifted off only after the start of the step.
@@ -197,6 +202,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
 
     kind = "contact"
     records = (*PAIR_KINDS, *FRICTION_KINDS, *LIMIT_KINDS)
+    # Contact forces answer all other loads, and are evaluated after these.
     is_reactive = True
 
     def __init__(
@@ -318,6 +324,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
                 pair, near, closed_rate_tolerance(near) if drifts else rate_tolerance(near, max(approach, 0.0))
             )
         self._closed.keep_slow_points([(pair, near) for pair, near in now if pair in closed_before])
+        # The impact has changed the slips, on which sticking and sliding depend.
         self._closed.modes.struck = True
         self._update_activity()
 
@@ -333,6 +340,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
     def replay(self, event: LoggedEvent) -> EventEffect | None:
         """Reproduce a logged event in the modes before it."""
         self._changes.restore_before(event)
+        # Before the event is applied: afterwards the modes, and the forces before it, are gone.
         accuracy, effect = RecordAccuracy(self._closed), super().replay(event)
         return effect._replace(accuracy=accuracy.fields(effect.records)) if effect is not None else None
 
@@ -344,6 +352,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         if closed_and_still(near, still) and not self.refusal(pair):
             self._closed.add_closed(pair, near, still)
         elif self.holds(pair):
+            # It stays listed without points until its end is logged: columns and records would not agree otherwise.
             self._closed.set_points(pair, ())
 
     def _update_activity(self) -> None:
@@ -394,6 +403,8 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         self._located_s, self._account.projected = None, None
         # In a steady state the active set and the modes of the step before hold on: nothing is decided anew.
         if not self._closed.steady.goes_on():
+            # In this order: points that are released still count as sticking when drift is projected out, and slip from then
+            # on. Taken as slip, their drift would give friction a direction of rounding.
             self._account.projected = self._drift.remove_drift()
             self._closed.update_pressing()
             self._closed.modes.move()
@@ -423,6 +434,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         """Whether the active set and the features of the step's start are valid at its end, and its forces within it."""
         if not self.active:
             return True
+        # Valid at both ends does not mean valid between: a force may leave its bounds and return (dip in _core/stages.pyx).
         self._dip_s = self._closed.dip_s()
         return not self._dip_s and (self._closed.steady.holds() or self._closed.witness_value() >= 0.0)
 
@@ -438,6 +450,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
     def on_event_located(self, time_s: float) -> None:
         """Note whether the event, if it is one of this model, is that sticking points reach the limit of friction."""
         reached = self._located_s is not None and time_s >= self._located_s
+        # The event of another source may come first: the landing is then still ahead, and found again in the next step.
         self._landing = self._landing and reached
         if reached and not self._landing:
             self._closed.note_release()
@@ -457,6 +470,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
     def add_forces(self, applied: FloatArray) -> None:
         """Add the generalised contact forces and those of joint limits; see :class:`ForceSource`."""
         super().add_forces(applied)
+        # The wrenches of the base class leave out limits, which act along a joint.
         self._limits.add_forces(applied)
 
     def end_step(self, duration_s: float) -> Exchange | None:
@@ -505,6 +519,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
             self._closed.modes.of(self._closed.contact_points),
         )
         J, gamma = rows.J.reshape(len(self._closed.contact_points), 3, -1), rows.gamma.reshape(-1, 3)
+        # Friction of sliding points has a size and a direction: it is a load on what dry friction holds, no row.
         friction = np.zeros(J.shape[2])
         if modes.any_slides:
             along = np.einsum("kij,kj->ki", rows.axes[:, 1:], self._closed.decide().friction)

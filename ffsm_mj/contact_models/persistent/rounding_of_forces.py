@@ -94,12 +94,14 @@ def varied_forces(closed: ClosedContacts) -> Iterator[None]:
     if not changes.size:
         return
     decision, estimates = closed.decide(), dict(closed.modes.estimates)
+    # The shortcut of steady states would write the forces of the state without the variation.
     closed.steady.is_varied = True
     for change in np.moveaxis(changes, 2, 0):
         closed.assume(decision.changed_by(change))
         yield
     closed.assume(decision)
     closed.steady.is_varied = False
+    # Shares with the least use start from the last ones: those of varied forces are no part of the run.
     closed.modes.estimates = estimates
 
 
@@ -111,6 +113,7 @@ def _force_changes(closed: ClosedContacts, *, before: bool = False) -> FloatArra
         before: Whether of the forces in the modes of the step that ends there, or of those from there on.
     """
     decision, tilts = closed.decide(), _changes_by_tilts(closed)
+    # The step ended in its own modes: those chosen at its end have other forces where a point has just stopped or slipped.
     if before:
         turns = changes_by_turns(decision, decision.in_present_modes, decision.evaluation.modes.slides)
     else:
@@ -136,6 +139,7 @@ def _changes_by_tilts(closed: ClosedContacts) -> FloatArray:
 
 def _tilt_share(contact: ContactPoint, closed: ClosedContacts) -> float:
     """Share to which the curvature terms at a point are known, 0 where normals are known no better."""
+    # Poses that are transferred to the model of a grasp and back change by 1e-15 m; elsewhere a replay has the same bits.
     share = tilt_rounding(contact.feature, closed.data, moves=closed.motion.data is not closed.data)
     return share if share > ACCELERATION else 0.0
 

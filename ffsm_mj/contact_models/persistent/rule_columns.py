@@ -133,6 +133,7 @@ def row_of(pairs: Sequence[tuple[ContactPair, Resultant]], pressing: Container[U
     if not carrying:
         return CLOSED, len(pairs), count, 0.0, 0.0, 0.0, 0.0, *_NOWHERE
     sizes = np.array([resultant.size for resultant in carrying])
+    # Forces of several pairs may oppose each other, as in a grip: the centre of their sum would be anywhere.
     total = float(sizes.sum())
     force = np.sum([resultant.force for resultant in carrying], axis=0)
     centre = (sizes @ np.array([resultant.centre for resultant in carrying]) / total).tolist()

@@ -114,15 +114,20 @@ class ModeChoice:
         So where latches hold bodies by an axis through the contact point: they would roll over each other, in place.
         """
         problem = self._problem
+        # A second rate within its rounding closes no gap: rounding alone would end runs of such mechanisms.
         closes = problem.b[::3] < -OPENS * self._states.rounding
         return np.flatnonzero(closes & ~problem.movable_normals)
 
     def _movable(self, kinds: IntArray) -> IntArray:
         """Modes with points that no normal force can move closed."""
+        # With G_nn = 0 the force at a point does not follow from its acceleration; the linear problem would divide by
+        # rounding.
         return np.where(self._problem.movable_normals, kinds, CLOSED)
 
     def _without_idle(self, solution: Solution) -> Solution:
         """The solution with points closed that carry no force, where that leaves all else as it is."""
+        # A point without load is closed without force by definition (docs/friction.md). As one that sticks it would be at
+        # the tip of its cone, with a margin that is rounding of either sign.
         load = np.abs(solution.forces).max(axis=1) * self._problem.inverse_mass
         idle = (solution.kinds != CLOSED) & (load <= self._states.rounding)
         if not idle.any():
@@ -135,6 +140,8 @@ class ModeChoice:
         states, mu = self._states, self._problem.mu
         if SLIDE not in kinds.tolist():
             return np.zeros_like(states.directions)
+        # At rest u / |u| is 0 / 0: a point that begins to slide has the direction that was chosen where friction released
+        # it.
         directions = np.where(states.slides[:, None], unit_slips(states.slips), states.directions)
         return np.where(((kinds == SLIDE) & (mu > 0.0))[:, None], directions, 0.0)
 
@@ -151,11 +158,15 @@ class ModeChoice:
         forces = problem.forces(kinds, directions)
         accelerations = (problem.b + problem.G.dot(forces.ravel())).reshape(-1, 3)
         least, to_limit = self._validity(kinds, directions, forces, accelerations), self.stick_margin(kinds, forces)
+        # A point at rest in the sliding mode must accelerate along its direction: otherwise its friction would do work on
+        # the slip. At the event itself this acceleration is zero, hence the tolerance.
         if SLIDE in kinds.tolist() and (begins := (kinds == SLIDE) & self._still & (problem.mu > 0.0)).any():
             along = (
                 np.sum(accelerations[:, 1:] * directions, axis=1)[begins] + _SLIPS * self._scale + states.rounding[begins]
             )
             least = min(least, float(along.min()))
+        # Two margins: points stick a little beyond the limit, but the event is located at the limit itself. Where a load
+        # grows at 0.05 N/s, the end of the excess comes 2e-8 s later (test_limit_of_friction.py).
         validity, exact = min(least, to_limit + self._excess(kinds)), min(least, to_limit)
         return Solution(kinds, directions, forces, accelerations, validity, exact, to_limit < min(0.0, least))
 
@@ -164,8 +175,11 @@ class ModeChoice:
         problem, rounding = self._problem, OPENS * self._states.rounding
         present, least = set(kinds.tolist()), np.inf
         if SLIDE in present:
+            # With D <= 0 sliding forces may exist beside an open contact, where gap'' > 0 without them: open is taken
+            # (test_choice.py).
             if not problem.is_regular(kinds, directions):
                 return -1.0 - self._scale  # finite, as localisation interpolates
+            # As accelerations, of which the rounding is known; that of a force depends on how light the bodies are.
             least = float((forces[:, 0] * problem.inverse_mass + rounding)[kinds == SLIDE].min())
         if CLOSED in present:
             closed = kinds == CLOSED
@@ -196,8 +210,10 @@ class ModeChoice:
         margin = depth(sticking, mu)
         rounding, inverse_mass = ON_CONE * float(np.abs(forces).max()), sum(inverse_masses) / len(inverse_masses)
         # Forces of redundant points are not unique: they stick if any shares of the same effect lie inside all cones.
+        # The cone program costs more than fifty times the check of the points' own cones: only where that fails.
         if margin + rounding < 0.0 and problem.redundant(kinds):
             margin = cone_margin(sticking, internal_forces(problem, sticks), mu)
+        # The mean inverse mass: with that of the worst point the margin would jump where another point becomes the worst.
         return (margin + rounding) * inverse_mass
 
     def _without_friction(self) -> Solution | None:
@@ -213,6 +229,7 @@ class ModeChoice:
         Raises:
             NoModesError: There is none, or its modes are not valid.
         """
+        # Without friction the accelerations are unique: no compliance needs to choose which of redundant points press.
         if not self._problem.mu.any() and (pressing := self._without_friction()) is not None:
             return pressing
         forces, residual = self._newton()
@@ -227,6 +244,7 @@ class ModeChoice:
             if np.any(holding != kinds) and (closed := self.evaluate(holding, self._directions(holding))).valid:
                 return closed
         solution = self._corrected(kinds, directions)
+        # Lemke's matrix has one column for each normal force: the direction of every friction force must be known already.
         if solution is None and np.all((self._problem.mu == 0.0) | ~self._still):
             solution = self._complementary()
         if solution is None:
@@ -245,6 +263,8 @@ class ModeChoice:
         along = np.column_stack((np.ones(len(which)), -problem.mu[which, None] * directions[which]))
         rows = problem.G[3 * which].reshape(len(which), -1, 3)[:, which]
         G, unit = np.einsum("ijc,jc->ij", rows, along), float(problem.inverse_mass[which].mean())
+        # Scaled to entries of order one: Lemke's method tells pivots from rounding by an absolute bound (_ZERO in
+        # coulomb.py).
         pushes = lemke(G / unit, problem.b[3 * which] / self._scale) * self._scale
         kinds = np.full(len(self._still), CLOSED)
         kinds[which[pushes > self._states.rounding[which]]] = SLIDE
@@ -259,6 +279,7 @@ class ModeChoice:
         if not len(which):
             return forces, 0.0
         rows = (3 * which[:, None] + np.arange(3)).ravel()
+        # Coulomb's law fixes the direction of friction where a point slides; at rest it is part of the solution.
         slips = np.where(states.slides[:, None], self._directions(np.full(len(states.slides), SLIDE)), 0.0)
         G, b, mu = problem.G[np.ix_(rows, rows)], problem.b[rows], problem.mu[which]
         forces[which], residual = coulomb_forces(G, b, mu, slips[which])
@@ -269,6 +290,8 @@ class ModeChoice:
         problem, states = self._problem, self._states
         accelerations = (problem.b + problem.G @ forces.ravel()).reshape(-1, 3)
         friction, limit = np.hypot(forces[:, 1], forces[:, 2]), problem.mu * forces[:, 0]
+        # At the limit sticking and sliding both solve the problem: if the event did not decide, events of zero length would
+        # repeat for ever (test_choice.py).
         share = _SATURATED if states.released else SOLVED
         saturated = friction >= limit * (1.0 - share)
         moves = np.hypot(accelerations[:, 1], accelerations[:, 2]) > _SLIPS * self._scale
@@ -286,7 +309,9 @@ class ModeChoice:
         free = np.flatnonzero(begins & ~self._problem.lines)
         if not len(free):
             return directions
+        # From rest (p = 0) with a weight of one the "slips" of the equation are accelerations.
         solved = StageEquation([self._problem], kinds, free, np.zeros((1, len(free), 2)), np.eye(1)).solve(directions[None])
+        # Without such a direction that of the friction stays, which the shares of the compliance gave.
         return directions if solved is None else solved[1][0]
 
     def _corrected(self, kinds: IntArray, directions: FloatArray) -> Solution | None:
@@ -305,11 +330,14 @@ class ModeChoice:
             over = (kinds == STICK) & ~pulls & (friction > problem.mu * solution.forces[:, 0])
             back = (kinds == SLIDE) & self._still & (problem.mu > 0.0) & ~pulls
             back &= np.sum(solution.accelerations[:, 1:] * directions, axis=1) < -_SLIPS * self._scale
+            # The modes are not valid, but no change at a single point would mend them, as beyond Painleve's paradox.
             if not np.any(pulls | overlaps | over | back):
                 return None
             kinds[pulls], kinds[overlaps & problem.movable_normals] = CLOSED, STICK
             kinds[overlaps & (states.slides | (problem.mu == 0.0)) & problem.movable_normals] = SLIDE
             kinds[over], kinds[back] = SLIDE, STICK
+            # Friction that reaches its limit opposes the slip that begins; the acceleration is zero there, and its direction
+            # rounding.
             directions[over] = -unit_slips(solution.forces[over, 1:])
             moving = states.slides & (kinds == SLIDE)
             directions[moving] = self._directions(kinds)[moving]
@@ -326,6 +354,7 @@ def pressing_without_friction(problem: FrictionProblem) -> FloatArray:
     which, forces = np.flatnonzero(problem.movable_normals), np.zeros(len(problem.mu))
     if len(which):
         sizes, U = np.linalg.eigh(problem.G[np.ix_(3 * which, 3 * which)])
+        # Rows of redundant points are dependent; divided by an eigenvalue of rounding their forces would have any size.
         positive = sizes > RANK * sizes[-1]
         A = U[:, positive] * np.sqrt(sizes[positive])
         forces[which] = least_norm(A, project(A, problem.b[3 * which] @ U[:, positive] / np.sqrt(sizes[positive])))

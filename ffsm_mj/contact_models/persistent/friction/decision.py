@@ -88,11 +88,15 @@ class Decision:
     @cached_property
     def _settled(self) -> Solution | None:
         """The solution if all points stick, and go on to do so without redistributing their forces."""
+        # At the limit of friction both modes solve the problem, and an impact leaves slips: forces inside the cones do not
+        # tell the modes there (test_steady.py).
         return None if self._released or self._struck else self.evaluation.settled()
 
     @cached_property
     def _choice(self) -> ModeChoice:
         modes, slips = self.evaluation.modes, self.rows.slips
+        # Near the stop the direction of the slip is rounding (_STRAIGHT in modes.py): only its size along the kept one
+        # counts.
         if modes.any_straight:
             slips = np.where(modes.straight[:, None], self._speeds[:, None] * self._at_start, slips)
         states = PointStates(slips, self._slides, modes.kinds, self._at_start, self.rounding, self._released)
@@ -110,12 +114,14 @@ class Decision:
         speeds: FloatArray = np.hypot(u[:, 0], u[:, 1])
         if not modes.any_straight:
             return speeds
+        # Past its stop a point would slip backwards along the kept direction: it counts as stopped.
         return np.where(modes.straight, np.maximum(np.sum(u * self._at_start, axis=1), 0.0), speeds)
 
     @cached_property
     def _slides(self) -> BoolArray:
         """Points that slip, (k,)."""
         modes = self.evaluation.modes
+        # The answer of sliding() where all points stick and none exceeds the least bound on their drift.
         if not self._struck and max(self._speeds.tolist()) <= modes.drift_m_s:
             return modes.nowhere
         slides = sliding(
@@ -142,6 +148,8 @@ class Decision:
         try:
             return self._choice.choose()
         except NoModesError:
+            # A contact that latches roll in place has no solution either, but at no coefficient of friction: it is no
+            # paradox (test_painleve.py).
             raise RunEnded(Outcome.UNSUPPORTED_CONTACT, self._locked() or self._without_modes()) from None
 
     def _locked(self) -> str:
@@ -185,6 +193,7 @@ class Decision:
     @cached_property
     def forces(self) -> FloatArray:
         """Normal forces, N, (k,)."""
+        # A valid normal force may pull by its rounding: logged forces do not.
         return np.maximum(self._shared[:, 0], 0.0)
 
     @cached_property
@@ -213,6 +222,7 @@ class Decision:
             return ()
         opening = self.solution.accelerations[:, 0].tolist()
         rates = zip(self.contact_points, opening, self.rounding.tolist(), strict=True)
+        # Within rounding a gap stays closed; otherwise contacts would end and begin again at every decision.
         return tuple([contact for contact, rate, rounding in rates if rate > OPENS * rounding])
 
     def keep_modes(self) -> None:
@@ -227,6 +237,7 @@ class Decision:
         modes = self.evaluation.modes
         if self._settled is not None:
             return self._settled, np.inf
+        # A point without a mode (UNKNOWN) is a new one, which carries no force in the modes of this step.
         if not modes.any_slides:
             return self._choice.evaluate(np.maximum(modes.kinds, 0), modes.no_slips), np.inf
         directions, forward = slip_directions(self.problem, self.rows.slips, self._at_start, modes.slides, modes.straight)
@@ -256,6 +267,7 @@ class Decision:
         slides = (self.kinds == SLIDE) & (self.problem.mu > 0.0)
         if not slides.any():
             return np.asarray(slides)
+        # On a line, or straight on to its stop, a slip has one direction: friction is smooth and explicit stages are stable.
         return np.asarray(slides & ~self.problem.lines & ~self._modes.of(self.contact_points).straight)
 
     @property
@@ -276,6 +288,7 @@ class Decision:
     def changed_by(self, forces: FloatArray) -> Decision:
         """The same modes with the forces changed by (n, t1, t2), N, (k, 3)."""
         other = Decision(self.evaluation, self._modes)
+        # Forces of a settled decision are read from its settled solution, which would hide the change.
         other._settled, other.solution = None, self.solution._replace(forces=self.solution.forces + forces)
         return other
 
@@ -328,6 +341,7 @@ def step_rule(decision: Decision, last: Layers | None, left_s: float, time_s: fl
         time_s: Time at the start of the step.
         efforts: Efforts in it, bit by bit.
     """
+    # Only a slip that can turn is stiff: along a line friction is a constant times the normal force.
     if decision.is_settled or not (slides := decision.turning).any():
         return StepRule(left_s)
     problem, solution = decision.problem, decision.solution
@@ -341,8 +355,11 @@ def step_rule(decision: Decision, last: Layers | None, left_s: float, time_s: fl
     deviations = r * np.minimum(1.0, across / stiffness)
     points = tuple([point for point, turns in zip(decision.contact_points, slides.tolist(), strict=True) if turns])
     first, damping = deviations, np.zeros(len(points))
+    # An impact, a change of modes or a jump of the efforts turns the direction to which friction leads: a new layer begins
+    # (docs/derivations.md).
     if last is not None and last.points == points and last.efforts == efforts and not decision.changes_modes:
         # The layer goes on.
+        # The larger slip of both ends gives the least damping: a layer is not taken as over too early.
         slips = np.maximum(np.maximum(r, last.speeds), np.finfo(float).tiny)
         first, damping = last.deviations, last.damping + last.strengths * (time_s - last.time_s) / slips
     layers = Layers(points, efforts, time_s, first, damping, r, k)
@@ -353,9 +370,12 @@ def step_rule(decision: Decision, last: Layers | None, left_s: float, time_s: fl
     for speed, rate, deviation, brake, rests in zip(
         r.tolist(), turning.tolist(), left.tolist(), (-along).tolist(), settled.tolist(), strict=True
     ):
+        # Inside a layer the turn is part of the motion: whole steps over it left a ball of 1e-8 m/s wrong by 1.4e-5 m/s.
         if not rests:
             share = min(max((_ERROR_M_S / deviation) ** 0.2, _LEAST), _MOST)
             limit = min(limit, share * speed / rate)
+        # Inner stages of RK4 are of low order, which 1 / |u| magnifies towards a stop: whole steps put that of a sphere
+        # 1.4e-5 s late. Below a slip of rounding nothing is left to follow.
         if brake > 0.0 and DEVIATION_M_S < speed < NEAR_STOP * left_s * brake:
             limit = min(limit, _STOP_SHARE * speed / brake)
     return StepRule(limit, bool(np.any(settled & (limit * turning > STIFF * r))), layers)

@@ -39,6 +39,7 @@ def internal_forces(problem: FrictionProblem, points: IntArray) -> FloatArray:
     """Orthonormal forces (n, t1, t2) of some points that move nothing, as columns, (3k, d)."""
     rows = (3 * points[:, None] + np.arange(3)).ravel()
     sizes, U = np.linalg.eigh(problem.G[np.ix_(rows, rows)])
+    # Directions in which a patch resists with less than this are left free (docs/friction.md, over an edge).
     rank = int(np.count_nonzero(sizes > _DEPENDENT * sizes[-1]))
     return np.asarray(U[:, : len(rows) - rank])
 
@@ -60,6 +61,7 @@ def wedged(problem: FrictionProblem, sticks: IntArray, point: int) -> bool:
 def partners(problem: FrictionProblem, points: IntArray, point: int) -> IntArray:
     """Those of some points that share a load with one of them, and that point."""
     freedom, count = internal_forces(problem, points), len(points)
+    # The basis of these forces is arbitrary, the projector on them is not: it couples the points that share a load.
     blocks = np.abs(freedom @ freedom.T).reshape(count, 3, count, 3).max(axis=(1, 3)) > _SHARES
     group = points == point
     for _ in range(count):
@@ -159,6 +161,7 @@ def shares_in_cones(problem: FrictionProblem, forces: FloatArray, sticks: IntArr
     if not len(sticks) or depth(sticking, mu) >= -_OUTSIDE * float(np.abs(sticking).max()):
         return forces
     freedom = internal_forces(problem, sticks)
+    # Unique forces cannot be shared otherwise; they may be outside by the excess up to which points stick.
     if not freedom.shape[1]:
         return forces
     shared = forces.copy()
@@ -181,6 +184,7 @@ def least_in_cones(forces: FloatArray, freedom: FloatArray, mu: FloatArray) -> F
     x = forces.ravel() / unit
     x = x - freedom @ (freedom.T @ x)
     moved = np.zeros((len(mu), 3))
+    # A tip moved by this along the axis gives every point a limit of friction larger by _OUTSIDE.
     moved[:, 0] = np.where(mu > 0.0, _OUTSIDE / np.where(mu > 0.0, mu, 1.0), 0.0)
     # Forces have an effect only along the complement of those without one.
     U = np.linalg.svd(freedom, full_matrices=True)[0][:, freedom.shape[1] :]

@@ -231,6 +231,7 @@ class FrictionModes:
         def by_place(values: Mapping[ContactPoint, Any]) -> dict[int, Any]:
             return {place[contact]: value for contact, value in values.items() if contact in place}
 
+        # A layer or an estimate of which a point has opened belongs to another problem.
         layers = self.layers if self.layers is not None and place.keys() >= set(self.layers.points) else None
         return self.State(
             (self.released, self.struck, self.stops),
@@ -286,6 +287,8 @@ class FrictionModes:
         drifting = self.beginning | self.replacing
         drifts = np.array([contact in drifting for contact in contact_points], dtype=np.bool_)
         directed_at = np.array([self._straight.get(contact, np.inf) for contact in contact_points])
+        # _STOPPED times the least value is 1e-12 m/s, the rounding of speeds (RATE): a lower stop speed would never be
+        # reached.
         largest = [max(self._largest_slip.get(contact, 0.0), _LEAST_SLIP_M_S) for contact in contact_points]
         return PointModes(
             mu=mu,
@@ -321,6 +324,7 @@ class FrictionModes:
             pinned: Sliding points that cannot slip while others stick; they keep the direction of their friction, (k,).
         """
         before, kinds_before, straight, kept = self._largest_slip, self._kinds, self._straight, self._directions
+        # These concern the state that has just been decided on: at the next one modes would be chosen anew without a cause.
         self.released = self.struck = self.stops = False
         self._straight, self.replacing = {}, frozenset()
         self.forget_structures()
@@ -334,12 +338,16 @@ class FrictionModes:
         for contact, kind, slip, slips_already, stays in zip(
             contact_points, kinds.tolist(), slips.tolist(), slides.tolist(), pinned.tolist(), strict=True
         ):
+            # Without friction the sliding mode says only that a point presses: it has no direction and does not stop.
             if contact.pair.mu == 0.0:
                 continue
             slid = kinds_before.get(contact) == SLIDE
             # A stop is found by the share that is left of the largest slip: rounding of a velocity has no scale of its own.
+            # One that has just stopped keeps its scale for a step: the slip left by the stop is drift in proportion to it.
             if slid and (slips_already or kind == STICK):  # or has just stopped
                 largest = self._largest_slip[contact] = max(before.get(contact, 0.0), slip)
+                # Not above half of the largest: a point that has just begun to slide is as slow, but its direction is still
+                # to turn.
                 if kind == SLIDE and slip <= min(_STRAIGHT * max(largest, _LEAST_SLIP_M_S), 0.5 * largest):
                     self._straight[contact] = straight.get(contact, slip)
                     if contact in straight:
@@ -366,6 +374,7 @@ class FrictionModes:
         if kinds is not present.kinds and kinds.tolist() != present.kinds.tolist():
             return False
         self.released = self.struck = self.stops = False
+        # Modes are the same, but which rows can move anything is determined anew for each step.
         for modes in self._of.values():
             modes.structures.clear()
         return True
@@ -395,6 +404,7 @@ class FrictionModes:
     def replace(self, old: Sequence[ContactPoint], new: Sequence[ContactPoint]) -> None:
         """Replace points of a pair by others at the same state: where they stick, the slip of the others is drift, too."""
         kinds = {self._kinds.get(contact, UNKNOWN) for contact in old}
+        # Where the pair slides the velocity of its new points is slip, which friction must oppose.
         if STICK in kinds and SLIDE not in kinds:
             self.replacing |= {contact for contact in new if contact not in self._kinds}
             self.forget_structures()
@@ -408,6 +418,7 @@ class FrictionModes:
     def snapshot(self) -> Callable[[], None]:
         """Return a function that restores all that decides on the modes of the next step."""
         flags, points = (self.released, self.struck, self.stops), (self.beginning, self.replacing, self._straight)
+        # References suffice: set() and slide_on() put new dictionaries in place of these.
         kept = self._kinds, self._directions, self._largest_slip, self.layers
 
         def restore() -> None:
@@ -468,6 +479,7 @@ def sliding(
         struck: Whether the velocities are those after an impact.
         stops: Whether a sliding point is known to stop here.
     """
+    # After an impact no point is known to stick: slips count as zero within what the impact law leaves (SOLVED).
     if struck:
         return np.asarray(slips > _STRUCK * rounding)
     close = TOGETHER * np.maximum(stop_speeds, rounding)
@@ -476,5 +488,7 @@ def sliding(
     # pose of a grasped object is transferred to the motion and back, which changes it by 1e-15 m, and slips with it.
     if np.any(slides & (slips <= (least + rounding if stops else least))):
         least = np.where(slides, close, least)
+    # Twice what stops together: a point that has just stopped must not slip again at once. Within a step velocities of
+    # sticking points drift by its truncation, as gap rates do (CLOSED_RATE).
     drift = np.maximum(2.0 * close, CLOSED_RATE / RATE * rounding)
     return np.asarray(slips > np.where(drifts, drift, least))

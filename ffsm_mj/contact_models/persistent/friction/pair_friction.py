@@ -86,6 +86,7 @@ class FrictionOfPairs:
         rows = self._evaluation.rows
         sliding = [i for i in range(part.start, part.stop) if self._kinds[i] == SLIDE]
         slips = rows.across(rows.slips)[sliding]
+        # A sliding point is at its limit, so the pair uses all of it, whatever its other points do.
         return PairFriction(True, force, slips[int(np.argmax(np.linalg.norm(slips, axis=1)))], 1.0)
 
     def _use(self, part: slice) -> float:
@@ -94,6 +95,8 @@ class FrictionOfPairs:
         It is their largest ratio with the load shared as by equal springs. Where such shares leave a friction cone, it is
         the least such ratio that any shares have.
         """
+        # By convention forces are those of equal springs while these stay inside all cones (docs/friction.md); only beyond
+        # does another share have to be found by cone programs.
         if self._largest <= 1.0:
             return max(self._ratios[part])
         problem, contact_points = self._evaluation.problem, self._evaluation.contact_points

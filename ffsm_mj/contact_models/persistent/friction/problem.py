@@ -199,6 +199,7 @@ class FrictionProblem:
 
     def is_regular(self, kinds: IntArray, slips: FloatArray) -> bool:
         """Whether normal forces push apart what slides: not beyond Painleve's paradox, where D = G_nn - mu G_nt s <= 0."""
+        # Without sliding friction the matrix is R M^-1 R^T, positive definite on its range: there is no paradox.
         return not len(self.structure(kinds).slides) or self.active_forces(kinds).is_regular(slips)
 
     def responses_to_turns(self, kinds: IntArray, slips: FloatArray, points: IntArray, forces: FloatArray) -> FloatArray:
@@ -234,6 +235,7 @@ class FrictionProblem:
         Their two tangent rows of G have rank one, as in a planar mechanism.
         """
         a, b, c = self._tangent_blocks
+        # The determinant over the square of the larger eigenvalue is the ratio of both: tangents are known to RANK.
         return np.asarray(a * c - b * b <= RANK * self.tangent_inverse_mass**2)
 
     def line_directions(self) -> FloatArray:
@@ -294,7 +296,9 @@ def slip_directions(
         return directions, np.inf
     forward = np.sum(slips * at_start, axis=1)
     unit = unit_slips(slips) * np.where(forward < 0.0, -1.0, 1.0)[:, None]
+    # A slip of exactly zero, as at the start of a slide, has no direction of its own.
     unit = np.where((straight | ~np.any(unit != 0.0, axis=1))[:, None], at_start, unit)
+    # On a line the joints give the direction. That of a small slip has rounding across the line, which no force can turn.
     if problem.lines.any():
         axes = problem.line_directions()
         forth = axes * np.where(np.sum(axes * at_start, axis=1) < 0.0, -1.0, 1.0)[:, None]
@@ -347,6 +351,7 @@ class StageEquation:
         self._across = 3 * free[:, None] + np.array((1, 2))
         largest = max(float(np.abs(problem.b).max(initial=0.0)) for problem in problems)
         terms = float(np.abs(weights).max()) * largest + float(np.abs(p).max(initial=0.0))
+        # The slips are sums of such terms, which cancel: below their rounding the residual cannot fall.
         self._rounding = 2.0 * EPSILON * terms + _ROUNDING_M_S
 
     def solve(self, directions: FloatArray) -> tuple[list[FloatArray], FloatArray] | None:
@@ -396,6 +401,7 @@ class StageEquation:
         """The factors k, m/s, (n, m)."""
         factors, free = [], self._free
         for weight, problem, at in zip(self._weights.diagonal(), self._problems, forces, strict=True):
+            # At k = 0 the unknown z would be the slip itself, and the equation singular where that is zero.
             normal = np.maximum(at[free, 0], _LEAST_LOAD * np.abs(at[:, 0]).max())
             factors.append(weight * problem.mu[free] * normal * problem.tangent_inverse_mass[free])
         return np.array(factors)
@@ -439,6 +445,7 @@ def stage_of(evaluation: ContactEvaluation, directions: FloatArray | None = None
     forces, u = evaluation.problem.forces(modes.kinds, directions), rows.slips
     along = forces.reshape(-1)
     generalised = along.dot(rows.J)
+    # Slip of a sticking point is drift: its power is not heat, and has either sign.
     heat = -np.sum(forces[:, 1:] * u, axis=1) * modes.slides
     slip_speeds = np.hypot(u[:, 0], u[:, 1]) * modes.slides
     return Stage(rows, along, generalised * rows.qvel, Slide(heat, slip_speeds)), generalised
@@ -468,6 +475,7 @@ class ImplicitSlips:
     def __init__(self, evaluation: ContactEvaluation) -> None:
         """Begin at the first evaluation of the first node."""
         modes, self._first = evaluation.modes, evaluation
+        # Only directions that can turn are unknowns: on a line, or straight on to a stop, they are known.
         self._free: IntArray = np.flatnonzero(modes.slides & ~evaluation.problem.lines & ~modes.straight)
         self._nodes: dict[int, _Node] = {}
 
@@ -490,6 +498,7 @@ class ImplicitSlips:
     def corrections(self, step: ImplicitStep, accelerations: FloatArray) -> FloatArray | None:
         """Changes of the accelerations with the directions of slip that solve the equations of the step."""
         nodes, free = [node for _, node in sorted(self._nodes.items())], self._free
+        # Stiff servos alone make such steps implicit too: the contact forces then follow from each state.
         if not len(free):
             return np.zeros_like(accelerations)
         velocities, m = step.start_rates + step.weights.dot(accelerations), len(free)
@@ -500,6 +509,7 @@ class ImplicitSlips:
             problem.b[across] + problem.G[across].dot(node.forces.ravel())
             for problem, node in zip(problems, nodes, strict=True)
         ]
+        # All but friction and what it changes stays as in the last pass: the outer iteration of the step corrects that.
         p = (slips - step.weights.dot(np.array(rates))).reshape(-1, m, 2)
         equation = StageEquation(problems, nodes[0].evaluation.modes.kinds, free, p, step.weights)
         solution = equation.solve(np.array([node.directions for node in nodes]))

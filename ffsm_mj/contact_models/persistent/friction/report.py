@@ -130,6 +130,8 @@ class FrictionReport(Stateful):
                 if contact.pair.mu > 0.0:
                     self.values[self.rules[contact.pair.rule], _HEAT] += weight * heat
                     total += weight * heat
+            # In each stage the fastest point counts: the slip distance is the integral of the largest speed, not the largest
+            # integral.
             largest: dict[str, float] = {}
             for contact, speed in zip(contact_points, stage.slide.speeds.tolist(), strict=True):
                 if speed > largest.get(contact.pair.rule, 0.0):
