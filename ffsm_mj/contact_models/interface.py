@@ -51,6 +51,7 @@ class EventCounter(Stateful):
 
     def next_number(self) -> int:
         """Return the number of the next event, and advance the counter."""
+        # It is unknown only in a log replay, where the record of an event sets it first (continue_from).
         number = self._next or 0
         self._next = number + 1
         return number
@@ -61,6 +62,7 @@ class EventCounter(Stateful):
 
     def continue_from(self, number: int) -> None:
         """Continue from the number of a logged event if the count is unknown; else do nothing."""
+        # A known count is that of the run: a logged number that differs shows in the comparison of records.
         if self._next is None:
             self._next = number
 
@@ -139,6 +141,7 @@ class EventEffect(NamedTuple):
     end: RunEnded | None = None
     triggers_control: bool = True
     leaves_to_impacts: bool = False
+    # Read-only, as all effects share the default.
     accuracy: Mapping[str, float] = MappingProxyType({})
     is_tick: bool = False
     varied: Sequence[tuple[Any, ...]] = ()
@@ -181,6 +184,7 @@ def just_after(f: Callable[[float], float], start_s: float, end_s: float) -> flo
     while True:
         # Doubled: near a flat root the rounding of f lasts for many times EVENT_TIME_S.
         root, late = min(root + late, end_s), 2.0 * late
+        # At the end the function is known to be negative: nothing later is tried.
         if root >= end_s or f(root) < 0.0:
             return root
 
@@ -390,6 +394,7 @@ class ForceSource(Source):
     def push(self, data: Any) -> None:
         """Add its wrenches to ``data.qfrc_applied`` (``data`` of the motion), after those of the non-reactive models."""
         motion = self.motion
+        # Wrenches are on bodies of the logged system; the motion may join some of them, or have other coordinates.
         for body, point, force, torque in self.wrenches(self.scene.data):
             mujoco.mj_applyFT(motion.model, data, force, torque, point, motion.bodies[body], data.qfrc_applied)
 
@@ -438,6 +443,7 @@ class ForceSource(Source):
 
     @cached_property
     def _exchange(self) -> ExchangeIntegrator:
+        # Only where it is used: contacts, for one, integrate their exchange from the stages of a step.
         return ExchangeIntegrator(self.scene.system, self.scene.data, self.wrenches)
 
     def active_contacts(self) -> tuple[ActiveContact, ...]:

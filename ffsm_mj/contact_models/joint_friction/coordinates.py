@@ -125,6 +125,7 @@ class CoordinatesOfMotion:
 
     def mobilities(self) -> FloatArray:
         """Inverse inertias of the coordinates, (k,): of constant rows at the reference pose, of others here."""
+        # The gradient of a spatial tendon's length may vanish in one pose and not in another.
         if self._paths:
             rows = self._rows_of_tendons()[self.moving[len(self._dofs) :]]
             response = np.empty_like(rows)

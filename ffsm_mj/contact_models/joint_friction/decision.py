@@ -87,6 +87,8 @@ def bounded_forces(W: FloatArray, b: FloatArray, low: FloatArray, high: FloatArr
         rest = b + G @ forces
         forces[others] = _bounded(W[others], rest[others], low[others], high[others], np.sqrt(masses[others]))
     accelerations = b + G @ forces
+    # Accelerations are judged by the terms that cancel in them: rounding, and what the compliance leaves, are shares of
+    # these.
     terms = np.abs(b) + diagonal * np.abs(forces)
     at_low = np.isfinite(low) & (forces <= (1.0 - _AT_BOUND) * low)
     at_high = np.isfinite(high) & (forces >= (1.0 - _AT_BOUND) * high)
@@ -107,6 +109,7 @@ def _certain(W: FloatArray, b: FloatArray, high: FloatArray, rubs: BoolArray, fr
     """Rows with dry friction that move whatever the forces on all rows are, (n,)."""
     certain = np.zeros(len(b), dtype=np.bool_)
     sizes = np.linalg.norm(W, axis=1)
+    # What holding a row alone would take, in mass-weighted units: comparable between joints and tendons of any scale.
     needs = np.where(rubs, np.abs(b) / np.where(rubs, sizes, 1.0), 0.0)
     # With one row left nothing is lost beside it: its force follows by clipping.
     while np.count_nonzero(free & ~certain) > 1:

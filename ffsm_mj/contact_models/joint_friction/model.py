@@ -140,6 +140,7 @@ class JointFriction(EventSource, ForceSource, Replayable):
         self._resume(np.zeros_like(self.senses))
 
     def _resume(self, logged: FloatArray) -> None:
+        # Whether contacts leave a friction idle is decided anew at the state: the column only says that the joint sticks.
         self._set(Senses.without_contacts(np.where(logged == _IDLE, 0.0, np.sign(logged))))
 
     def _resume_heat(self, logged: FloatArray) -> None:
@@ -233,6 +234,7 @@ class JointFriction(EventSource, ForceSource, Replayable):
     def exchanged(self, duration_s: float) -> Exchange:
         """Heat of the step: friction times the way, which is exact, as the rate has one sign and the friction one size."""
         heat = self._on.limits * self.senses * self._moved.ways(duration_s) if self._slides else np.zeros(len(self.senses))
+        # A joint rubs within its tree, whose energy becomes the heat.
         return sum_exchanges(self._at_start, self._by_subsystem(self._on.of_trees @ -heat))
 
     def _by_subsystem(self, of_trees: FloatArray) -> Exchange:
@@ -272,6 +274,7 @@ class JointFriction(EventSource, ForceSource, Replayable):
         if self._contacts.active:
             self._contacts.add_forces(applied)
         self.add_forces(applied)
+        # The friction of a joint at rest is what holds its row under all other forces, those of contacts included.
         loops.generalised(self._smooth.force(applied))
         return self._shared()
 
@@ -297,7 +300,9 @@ class JointFriction(EventSource, ForceSource, Replayable):
         """
         slow, motion = self._slow(), self.motion
         if stops is not None:
+            # An event finds the rate just past its root, by more than rounding where the joint decelerates fast.
             slow = slow | stops
+        # Friction opposes the rate of a joint that moves: only at rest is there anything to decide.
         senses = np.where(slow, before, np.sign(self._moved.rates()))
         if not slow.any():
             return Senses.without_contacts(senses)
@@ -400,6 +405,7 @@ class JointFriction(EventSource, ForceSource, Replayable):
             path.move_to(time_s)
             return min(self._margins())
 
+        # The earliest of them: from the start to it the margin changes its sign, though it may rise again before the end.
         ends = [time_s for time_s in (*sorted(self._suspects), duration_s) if time_s <= duration_s and margin(time_s) < 0.0]
         return first_root(margin, ends[0]) if ends else None
 

@@ -110,7 +110,7 @@ class ContactChanges:
             return None
         before = _slides(decision.contact_points, kinds)
         after = _slides(decision.contact_points, decision.kinds.tolist())
-        # A pair without a mode before has just begun: that record says whether it slides.
+        # A pair without a mode before has just begun: the record of its beginning says whether it slides.
         changed = [pair for pair, slides in after.items() if pair in before and before[pair] != slides]
         slips, sticks = [pair for pair in changed if after[pair]], [pair for pair in changed if not after[pair]]
         return (CONTACT_SLIPS, slips) if slips else (CONTACT_STICKS, sticks) if sticks else None
@@ -143,6 +143,7 @@ class ContactChanges:
                 self.logged.remove(pair)
                 self._closed.remove(pair)
         elif kind in FRICTION_KINDS:
+            # Here, not at the next step: the records have the forces in the modes from here on.
             self._closed.update_pressing()
         else:
             self._change_points(pairs)

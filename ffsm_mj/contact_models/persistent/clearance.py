@@ -105,6 +105,7 @@ class Clearance:
         if gap > -_OVERLAPS_M:
             return gap
         near = pair.proximity(self._model, data)
+        # Vertices of meshes are known to position_tolerance: an overlap within that has not been passed by a step.
         passed = near.gap < -max(LANDING_DEPTH_M, pair.position_tolerance)
         # Where the point separates already there is no impact to resolve: an event there would change nothing.
         return near.gap if near.approaches or passed else max(near.gap, 0.0)

@@ -104,9 +104,11 @@ class ForceSolver:
         self._follow_loops()
         smooth, modes = self.smooth, self._modes.of(contact_points)
         place, load, known = smooth.place(), smooth.load(self.other_forces), self.last_evaluation
+        # The modes, too: an event may have put others at the same state under the same efforts.
         if known is not None and known[0] is place and known[1] is load and known[2].modes is modes:
             return known[2]
         rows = self.last_rows
+        # By value: the active set may be another tuple of the same points, whose rows are these.
         if rows is None or rows[1] is not place or rows[0] != contact_points:
             rows = self.last_rows = contact_points, place, self._rows(contact_points)
         now = ContactEvaluation(contact_points, rows[2], smooth.force(self.other_forces), modes)
@@ -211,6 +213,7 @@ class ClosedContacts:
             for pair, points in self.by_pair.items()
         ]
         place = {contact: i for i, contact in enumerate(self.contact_points)}
+        # A point of the active set may have been removed at this state, where its gap opened.
         pressing = [place[point] for point in self.pressing if point in place]
         flat = sorted(pair.name for pair in self.solver.flat)
         return self.State(closed, pressing, flat, self.modes.get_state(self.contact_points), bool(self.stages))
@@ -253,6 +256,7 @@ class ClosedContacts:
 
     def bind(self, motion: Motion) -> None:
         """Use another motion, with all caches cleared."""
+        # Rows, structures and stages are in the coordinates of one motion: none of them serves another.
         self.motion, self._chosen = motion, None
         self.solver.bind(motion)
         self.clearance.forget()
@@ -430,6 +434,7 @@ class ClosedContacts:
         0: at none. In an implicit step only its end is looked at.
         """
         forced = self.motion.forced
+        # The parabola is that of the stages of RK4: start, twice the middle, end. Radau IIA has no node at the start.
         if not self.pressing or forced is None or forced.implicit:
             return 0.0
         share = dip(self.stages[-1 - len(forced.weights) :], self.modes.of(self.pressing).stick_mu)
@@ -453,6 +458,8 @@ class ClosedContacts:
         """
         if self.contact_points:
             decision = self.decide()
+            # Forces at a logged slip may be inside their cones by the rounding of the state: the replay has to follow the
+            # run.
             self.modes.released = decision.releases or (slips and decision.validity_margin() >= 0.0)
 
     def _clearance_elsewhere(self, decision: Decision | None) -> float:

@@ -126,6 +126,7 @@ def slow_points(
     return [
         (contact, at.rate)
         for contact in points
+        # Points that approach are left to an impact: only a separation can be stopped by the load before it counts.
         if 0.0 < (at := contact.feature.at(data)).rate <= _SLOW_M_S and not _is_among(closed, contact, at, data)
     ]
 

@@ -120,6 +120,7 @@ class LimitReport(_ForceTable):
         limits = [pair for pair in self._closed.by_pair if isinstance(pair, JointLimit)]
         if not limits and self._is_blank:
             return
+        # The third column is a sum since t = 0, which stays.
         self._values[:, :2], self._is_blank = 0.0, not limits
         for limit, (state, force) in self._now(limits).items():
             self._values[self._row[limit], :2] = -limit.sign * state, limit.sign * force
@@ -265,6 +266,7 @@ class ContactReport(_ForceTable):
             return
         decision = self._closed.decide() if self._closed.contact_points else None
         by_rule = self._resultants(decision) if decision is not None else {}
+        # Rules whose pairs have opened since the last row; the others are overwritten below. The impulse is a sum and stays.
         if len(by_rule) < len(self._rules):
             self._values[:, :IMPULSE] = NOTHING[:IMPULSE]
         if decision is None:
@@ -437,6 +439,7 @@ class StepAccount:
 
     def of_steady_step(self, duration_s: float) -> Exchange | None:
         """Energy and momentum exchanged in a step that ends in a steady state, with all that it adds to columns."""
+        # A projection at the start has an exchange of its own, which the shortcut does not enter.
         return None if self.projected is not None else self._closed.steady.exchange(duration_s)
 
     def exchanged(self, duration_s: float) -> tuple[Exchange | None, Mapping[UnilateralConstraint, float]]:

@@ -111,6 +111,7 @@ def exchanged(
     for pair, groups, first in shares.pairs:
         # A limit acts along its joint alone: its force has no wrench.
         if isinstance(pair, JointLimit):
+            # Limits only push: the integral of the magnitude is that of the force.
             sizes[pair] = float(parts.dot([stage.forces.item(first) for stage in stages]))
         elif len(groups) == 1:
             sizes[pair] = sums.sizes[groups[0]]

@@ -154,6 +154,7 @@ def _modes(closed: ClosedContacts, points: Sequence[PointAgain], u: FloatArray) 
     kinds = np.full(len(points), Mode.CLOSED, dtype=np.int64)
     for i, point in enumerate(points):
         contact = _same_point(closed, point)
+        # A candidate that the replay does not have carries no force. If it should, its gap closes, which is a violation.
         kinds[i] = replayed[contact] if contact is not None else Mode.CLOSED
         # The velocity decides, not the replay: a run that takes a sliding point for a sticking one fails by its forces.
         if kinds[i] == Mode.STICK and math.hypot(*u[i, 1:].tolist()) > closed_rate_tolerance(point.near):
@@ -262,6 +263,7 @@ def _same_point(closed: ClosedContacts, point: PointAgain) -> ContactPoint | Non
     for contact in closed.by_pair.get(point.pair, ()):
         if (
             isinstance(point.pair, JointLimit)
+            # Support functions and features place the corners of a mesh by different numbers of single precision.
             or math.dist(contact.feature.at(closed.data).point, point.point) <= SAME_POINT_M
         ):
             return contact
@@ -304,6 +306,7 @@ class ForceCheck:
         touching = [
             (pair, near)
             for pair in (self._pairs[i] for i in self._broad_phase.within(self._scene.data, CLEARLY_APART_M))
+            # Geoms that a grasp joins to one rigid body touch without any force.
             if pair.geom_ids not in motion.disabled and (near := self._closed(pair, pair in closed_pairs))
         ]
         if not touching and not logged.any():
@@ -375,6 +378,7 @@ class ForceCheck:
         """
         model, data, scratch = self._scene.system.mj, self._scene.data, self._scratch
         if motion.data is data and motion.loops is None:
+            # In a copy: what the replay has evaluated at this state stays as it is.
             state = np.empty(mujoco.mj_stateSize(model, WHOLE_STATE))
             mujoco.mj_getState(model, data, state, WHOLE_STATE)
             mujoco.mj_setState(model, scratch, state, WHOLE_STATE)
@@ -398,6 +402,7 @@ def _points_with_normals(
     pair: UnilateralConstraint, near: Proximity, states: Sequence[FeatureState]
 ) -> list[tuple[Proximity, FloatArray]]:
     """Points of a pair that are closed, each with the proximity that has its normal."""
+    # Along round sides the normal turns a little from end to end, by more than forces may differ.
     if isinstance(pair, ContactPair) and pair.flush_angle > 0.0:
         ends = _ends_of_side(pair, near, states)
         # A deeper overlap is that of a point that the contact model does not have: then the support functions decide alone.
@@ -419,6 +424,7 @@ def _closed_points(near: Proximity, closed_points: Sequence[FloatArray]) -> list
     ]
     if closed and near.gap >= -LANDING_DEPTH_M:
         return closed
+    # The replay has no point here, or overlaps deeper than a landing is seen: all that is at rest is in contact.
     return [point for point, speed in points if speed <= closed_rate_tolerance(near)]
 
 

@@ -109,6 +109,7 @@ def rows_to_project(closed: ClosedContacts) -> ClosedRows:
     """Rows of all closed contact points at the current state, as a projection needs them."""
     every = closed.decide().rows
     J = every.J.reshape(len(closed.contact_points), 3, -1)
+    # Slip is not integrable: a ball that rolls is displaced without having slipped, so sticking points have no position row.
     sticking = J[closed.modes.of(closed.contact_points).drifts, 1:]
     return ClosedRows(every.gaps, every.rates, J[:, 0], sticking.reshape(-1, J.shape[2]))
 
@@ -123,6 +124,7 @@ def unit_wrenches(closed: ClosedContacts, which: BoolArray) -> FloatArray:
     forces = [
         (state.point, along)
         for state, drifts in zip(states, closed.modes.of(tuple(points)).drifts.tolist(), strict=True)
+        # Friction of sticking points on a fixed body takes momentum as well: what it may take is not kept.
         for along in (state.normal, *(tangents(state.normal) if drifts else ()))
     ]
     return np.array([np.concatenate((along, np.cross(point, along))) for point, along in forces]).reshape(-1, 6)
@@ -262,6 +264,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         self._drift.projection.set_state(values["projection"])
         self._closed.set_state(values["closed"], by_name)
         self._landing, self._located_s = False, None
+        # A state that was saved at the end of a step keeps its forces: an event there has them as the forces before it.
         self._resumes = entries(values["closed"], ClosedContacts.State)["in_step"]
         self._set_activity()
 
@@ -290,6 +293,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         if before is not None and before != self._previous:
             for pair, near, still in closed_after_change(closed_pairs(self._broad_phase, self.scene, motion), by_pair):
                 self._update_pair(pair, near, still)
+                # Features are determined anew: where the old points stick the slip of the new ones is drift, not motion.
                 self._closed.modes.replace(by_pair.get(pair, ()), self._closed.by_pair.get(pair, ()))
         self._update_activity()
         self._closed.update_pressing()  # a pair of the previous active set may be on one rigid body in this motion
@@ -334,6 +338,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         if set(map(name_of, records)) - {pair.name for pair in self._closed.by_pair}:
             pushed = self.active
             self.close(closed_pairs(self._broad_phase, self.scene, self.motion), struck=False)
+            # A step without contact has not evaluated the load that contacts now have to answer.
             if not pushed:
                 self._closed.see_other_forces()
 
@@ -417,6 +422,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
 
     def begin_steady_steps(self) -> SteadyContacts | None:
         """Closed contacts, if they may be steady; see :class:`ForceSource`."""
+        # A beginning is logged first, with the forces at this state.
         if self._changes.unlogged():
             return None
         self._located_s, self._account.projected = None, None
@@ -440,6 +446,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
 
     def first_event(self, duration_s: float) -> float | None:
         """Time at which the active set or a feature ceased to be valid, located just after the zero crossing."""
+        # An event of another source may have cut the step before the dip.
         dips = (self._dip_s,) if 0.0 < self._dip_s < duration_s else ()
         located = first_change(self._closed, (*dips, duration_s))
         if located is None:
@@ -515,6 +522,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         if not self._closed.contact_points:
             return None
         rows, modes = (
+            # Without closed loops: joint friction takes these out itself, but not the joints at rest, on which it decides.
             self._closed.solver.evaluator(self._closed.contact_points).rows(),
             self._closed.modes.of(self._closed.contact_points),
         )
@@ -547,6 +555,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
             return None
         kind, pairs = news
         records = self._records.of(kind, pairs, instant, lambda: self._apply(kind, pairs))
+        # The law is evaluated at ticks and impacts (docs/persistent-contact.md): here forces change, and no velocity.
         return EventEffect(records, triggers_control=False)
 
     def _apply(self, kind: RecordKind, pairs: Sequence[UnilateralConstraint]) -> None:

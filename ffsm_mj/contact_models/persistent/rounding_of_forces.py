@@ -123,6 +123,7 @@ def _force_changes(closed: ClosedContacts, *, before: bool = False) -> FloatArra
 
 def _sum_of_sizes(changes: FloatArray) -> float:
     """Sum of the changes of forces, (k, 3, m), N."""
+    # Rounding of the points is independent: in the worst case all of their effects add up.
     return float(np.linalg.norm(changes, axis=1).sum())
 
 

@@ -158,8 +158,8 @@ class ModeChoice:
         forces = problem.forces(kinds, directions)
         accelerations = (problem.b + problem.G.dot(forces.ravel())).reshape(-1, 3)
         least, to_limit = self._validity(kinds, directions, forces, accelerations), self.stick_margin(kinds, forces)
-        # A point at rest in the sliding mode must accelerate along its direction: otherwise its friction would do work on
-        # the slip. At the event itself this acceleration is zero, hence the tolerance.
+        # A point at rest in the sliding mode must accelerate along its direction: otherwise friction would drive its slip
+        # instead of opposing it. At the event itself this acceleration is zero, hence the tolerance.
         if SLIDE in kinds.tolist() and (begins := (kinds == SLIDE) & self._still & (problem.mu > 0.0)).any():
             along = (
                 np.sum(accelerations[:, 1:] * directions, axis=1)[begins] + _SLIPS * self._scale + states.rounding[begins]
@@ -334,6 +334,7 @@ class ModeChoice:
             if not np.any(pulls | overlaps | over | back):
                 return None
             kinds[pulls], kinds[overlaps & problem.movable_normals] = CLOSED, STICK
+            # A point with a slip cannot stick; without friction the sliding mode is the one that presses.
             kinds[overlaps & (states.slides | (problem.mu == 0.0)) & problem.movable_normals] = SLIDE
             kinds[over], kinds[back] = SLIDE, STICK
             # Friction that reaches its limit opposes the slip that begins; the acceleration is zero there, and its direction

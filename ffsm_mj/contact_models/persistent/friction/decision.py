@@ -174,6 +174,7 @@ class Decision:
         apart = columns[:, 0] - self.evaluation.modes.mu[slides] * np.sum(
             columns[:, 1:] * unit_slips(self.rows.slips[slides]), axis=1
         )
+        # Of its own force alone: several sliding points may have no solution together, although each has D > 0.
         least = int(np.argmin(apart))
         name, falls = self.contact_points[slides[least]].pair, self.problem.b[3 * slides[least]]
         return f"; sliding point of {name}: G_nn - mu G_nt = {apart[least]:.3g} 1/kg, gap'' without forces {falls:.3g} m/s^2"
@@ -187,6 +188,7 @@ class Decision:
     def _shared(self) -> FloatArray:
         """Forces (n, t1, t2) of all points, those of sticking points inside their cones, N, (k, 3)."""
         if self._settled is not None:
+            # Settled points are inside their own cones: no other share is needed.
             return self._settled.forces
         return shares_in_cones(self.problem, self.solution.forces, (self.kinds == STICK).nonzero()[0])
 
@@ -351,6 +353,7 @@ def step_rule(decision: Decision, last: Layers | None, left_s: float, time_s: fl
     # A point that begins to slide has the direction to which friction turns it, and a slip of rounding.
     r = np.where(decision.slipping[slides], np.hypot(u[:, 0], u[:, 1]), 0.0)
     along, across = np.sum(d * f, axis=1), np.abs(d[:, 0] * f[:, 1] - d[:, 1] * f[:, 0])
+    # Without load and slip acceleration nothing turns the slip: no deviation, and not 0 / 0.
     stiffness = np.maximum(k + np.abs(along), np.finfo(float).tiny)
     deviations = r * np.minimum(1.0, across / stiffness)
     points = tuple([point for point, turns in zip(decision.contact_points, slides.tolist(), strict=True) if turns])
@@ -372,10 +375,12 @@ def step_rule(decision: Decision, last: Layers | None, left_s: float, time_s: fl
     ):
         # Inside a layer the turn is part of the motion: whole steps over it left a ball of 1e-8 m/s wrong by 1.4e-5 m/s.
         if not rests:
+            # The error of RK4 is of fifth order in the step: its root bounds the share of the layer that a step may take.
             share = min(max((_ERROR_M_S / deviation) ** 0.2, _LEAST), _MOST)
             limit = min(limit, share * speed / rate)
         # Inner stages of RK4 are of low order, which 1 / |u| magnifies towards a stop: whole steps put that of a sphere
         # 1.4e-5 s late. Below a slip of rounding nothing is left to follow.
         if brake > 0.0 and DEVIATION_M_S < speed < NEAR_STOP * left_s * brake:
             limit = min(limit, _STOP_SHARE * speed / brake)
+    # By the limit just determined: a step that another point's layer shortens may be explicit for those that have settled.
     return StepRule(limit, bool(np.any(settled & (limit * turning > STIFF * r))), layers)

@@ -63,6 +63,7 @@ def partners(problem: FrictionProblem, points: IntArray, point: int) -> IntArray
     freedom, count = internal_forces(problem, points), len(points)
     # The basis of these forces is arbitrary, the projector on them is not: it couples the points that share a load.
     blocks = np.abs(freedom @ freedom.T).reshape(count, 3, count, 3).max(axis=(1, 3)) > _SHARES
+    # Points may share a load through others: the coupling is followed until the group is complete.
     group = points == point
     for _ in range(count):
         group = group | blocks[group].any(axis=0)

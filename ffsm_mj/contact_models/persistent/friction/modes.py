@@ -366,6 +366,7 @@ class FrictionModes:
             contact_points: All closed contact points.
             kinds: Modes chosen for them, (k,).
         """
+        # Where points slide or have just stopped, directions, slips and drifts change although the modes do not.
         if self._largest_slip or self.beginning or len(self._kinds) != len(contact_points):
             return False
         present = self.of(contact_points)
@@ -399,6 +400,7 @@ class FrictionModes:
         self._directions = dict(zip(contact_points, directions, strict=True))
         present.directions[:] = directions
         present.structures.clear()
+        # Modes of other sets of points were collected with the directions of the step before.
         self._of = {contact_points: present}
 
     def replace(self, old: Sequence[ContactPoint], new: Sequence[ContactPoint]) -> None:
@@ -482,6 +484,7 @@ def sliding(
     # After an impact no point is known to stick: slips count as zero within what the impact law leaves (SOLVED).
     if struck:
         return np.asarray(slips > _STRUCK * rounding)
+    # Translation and spin of a sliding block end at one instant, and with them the slips of all its corners.
     close = TOGETHER * np.maximum(stop_speeds, rounding)
     least = np.maximum(np.where(straight, 0.0, stop_speeds), rounding)
     # A run locates a stop just below this speed. At the logged state a replay may find the slip above it, by rounding: the

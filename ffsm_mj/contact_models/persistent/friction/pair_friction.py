@@ -66,6 +66,7 @@ class FrictionOfPairs:
         self._least_uses: dict[tuple[ContactPoint, ...], float] = {}
         kinds = self._kinds = solution.kinds.tolist()
         self._ratios = evaluation.limit_ratios(solution.forces)
+        # Over all pairs: those that share a load share it by one convention.
         self._largest = max([ratio for ratio, kind in zip(self._ratios, kinds, strict=True) if kind == STICK], default=0.0)
         self.by_pair = {
             pair: self._of_points(part, friction)

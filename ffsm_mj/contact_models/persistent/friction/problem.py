@@ -62,6 +62,7 @@ class ActiveRows:
     def of(cls, problem: FrictionProblem, kinds: IntArray) -> ActiveRows:
         """Determine the rows in a problem."""
         rows = problem.active_rows(kinds)
+        # Where no normal force acts, friction in proportion to it is none.
         slides = ((kinds == SLIDE) & (problem.mu > 0.0) & problem.movable_normals).nonzero()[0] if SLIDE in kinds else NONE
         return cls(3 * len(kinds), rows, slides, problem.mu)
 
@@ -513,6 +514,7 @@ class ImplicitSlips:
         p = (slips - step.weights.dot(np.array(rates))).reshape(-1, m, 2)
         equation = StageEquation(problems, nodes[0].evaluation.modes.kinds, free, p, step.weights)
         solution = equation.solve(np.array([node.directions for node in nodes]))
+        # A point stops within the step, in which its mode is fixed: the integrator divides the step.
         if solution is None:
             return None
         changes = []

@@ -96,6 +96,7 @@ class FrictionReport(Stateful):
                 sums[1] += x
                 sums[2] += y
                 sums[3] += z
+                # Forces add up; what a rule has left until it slips is what its worst pair has left.
                 sums[4], sums[5] = max(sums[4], pair.use), max(sums[5], pair.slip_speed)
             self.values[self.rules[rule], :SLIP] = sums
 
