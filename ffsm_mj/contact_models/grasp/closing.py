@@ -59,6 +59,7 @@ class GraspClosing:
         self._near, self._point = Nearness.of(latch.sites.vectors(data)), latch.sites.point(data)
         self._axis_angle_rad = latch.axis_angle_rad()
         self._rates = np.array(data.qvel)
+        # Before the impulse: afterwards only the difference would tell what it changed.
         self._energies, self._momentum, self._of_objects = _energies(scene), _momentum(scene), _of_objects(scene)
 
     def first(self, motion: GraspedMotion) -> tuple[GraspRecord, Exchange]:
@@ -69,6 +70,7 @@ class GraspClosing:
         """
         system, data, sites = self._scene.system, self._scene.data, self._latch.sites
         # A plastic impact in all relative directions at once that the latch stops.
+        # With e > 0 the sites would part again: a latch closes for good, so its impulse is plastic.
         impact = plastic_impulse(system.mj, data, sites.link, sites.root, self._point, motion.joints.stopped(data))
         data.qvel[:] += impact.change
         mujoco.mj_forward(system.mj, data)
@@ -76,6 +78,7 @@ class GraspClosing:
         pose = ClosingPose(as_tuple(motion.model.body_pos[motion.root]), as_tuple(motion.model.body_quat[motion.root]))
         record = self._record(impact, impact.impulses, int(motion.model.nv), pose)
         force, moment = impact.impulses[:3], impact.impulses[3:]
+        # Shifted to the world origin: about it the angular momenta of the balance are conserved.
         on_objects = np.concatenate((force, moment + cross(self._point, force)))
         return record, Exchange(_energies(self._scene) - self._energies, on_objects)
 
@@ -194,6 +197,7 @@ def near_miss(scene: Scene, grasp: str, closest: ClosestApproach, instant: Event
         closest: Its closest approach.
         instant: Time and step at which it was disarmed.
     """
+    # Armed and disarmed at one instant: there was no approach whose failure a record could name.
     if (first := closest.first()) is None:
         return None
     near, least_s, failed = first
@@ -263,6 +267,8 @@ class ClosedGrasps:
             StateError: It names others.
         """
         values = entries(state, ("closed", "attached", "rows", "motion"), "ClosedGrasps")
+        # A state may come from a file, or from a scenario that had other grasps: a name without a latch would fail steps
+        # later.
         if unknown := {*values["closed"], *values["rows"], values["attached"]} - {*latches, None}:
             raise StateError(f"a state with grasps that there are not: {', '.join(sorted(unknown))}")
         attached = latches[values["attached"]] if values["attached"] is not None else None
@@ -281,7 +287,10 @@ class ClosedGrasps:
         Raises:
             RunEnded: A load limit cannot be applied, as the load that it limits is not unique.
         """
+        # Two latches of one pair of sites would hold the same relative motion twice: the loads of both would not be unique.
         gone = next((other for other in self.latches if other.grasp.joins_sites_of(latch.grasp)), None)
+        # It takes the place of the one that it replaces, as the order of closing decides which object is a child of its
+        # link.
         latches = [latch if other is gone else other for other in self.latches]
         latches += [] if gone is not None else [latch]
         replaces = gone.grasp.name if gone is not None else ""
@@ -291,6 +300,7 @@ class ClosedGrasps:
         # One object at most is a child body of the link: its model has no loop. Every other closed grasp closes one, by
         # rows.
         attaches = latch.grasped_motion is not None and self._attached in (gone, None)
+        # Without any rows the impulse on the latch alone is the whole solution; with rows it would open the closed ones.
         if latch.grasped_motion is not None and attaches and not self._rows and not self._loops.equalities:
             record, exchange = closing.first(latch.grasped_motion)
             self._set(latches, latch)
@@ -325,6 +335,8 @@ class ClosedGrasps:
         record = open_grasp(self._scene, latch, instant, reason, force_N, torque_N_m)
         self._rows.pop(latch.grasp.name, None)
         latches, attached = [other for other in self.latches if other is not latch], self._attached
+        # Its object was a child of the link. Another model must move now: that with the next object attached, else the free
+        # one.
         if attached is latch:
             attached = next((other for other in latches if other.grasped_motion is not None), None)
             if attached is not None and attached.grasped_motion is not None:
@@ -341,6 +353,8 @@ class ClosedGrasps:
             latches: The closed grasps in the order in which they closed.
             records: Earlier closings in order. A further grasp without one is held in its present pose.
         """
+        # In the order of closing, as in the run: which object is attached decides the coordinates, and so the rounding, of
+        # the replay.
         attached = next((latch for latch in latches if latch.grasped_motion is not None), None)
         last = {record.grasp: record for record in records}
         rows = [latch for latch in latches if latch is not attached]
@@ -352,6 +366,7 @@ class ClosedGrasps:
     def _latch(self, latch: Latch, record: GraspRecord | None) -> LatchedBodies:
         """Rows of a further grasp, by the pose in the record of its closing."""
         system, grasp = self._scene.system, latch.grasp
+        # The record may lie in a lost part of the log. The present pose then differs from that of the closing by drift only.
         if record is None:
             return loop_latch(system, grasp, closing_pose(system, self._scene.data, grasp))
         return loop_latch(system, grasp, ClosingPose(record.object_position_m, record.object_quaternion))
@@ -374,9 +389,12 @@ class ClosedGrasps:
             RunEnded: There is one.
         """
         limited = [latch.grasp.name for latch in self.latches if latch.limit is not None]
+        # One latch that closes no loop has a load that the motion determines: there is nothing to refuse.
         if not limited or not self._rows:
             return
         self._loops.bind(self.motion)
+        # Dependent rows leave the motion unique, not the split of the load (docs/capture.md): a limit on a convention is no
+        # physics.
         if self._loops.is_unique():
             return
         closed = ", ".join(latch.grasp.name for latch in self.latches)

@@ -80,6 +80,8 @@ class Sites:
         for twist, body in ((self._one, self.link), (self._other, self.root)):
             mujoco.mj_objectVelocity(self._model, data, mujoco.mjtObj.mjOBJ_XBODY, body, twist, 0)
         one, other = self._one, self._other  # angular, then linear
+        # Both at the object's site, as on one rigid body: the velocity of the robot's own site would have a part of the
+        # rotation, of the size of the offset.
         velocity = other[3:] + cross(other[:3], place - data.xpos[self.root])
         velocity -= one[3:] + cross(one[:3], place - link)
         offset: list[float] = (place - data.site_xpos[self.robot]).tolist()
@@ -92,6 +94,7 @@ class Sites:
         """
         places = (*data.site_xpos[self.robot].tolist(), *data.site_xpos[self.object].tolist())
         turning, moving = ((*self._one[part].tolist(), *self._other[part].tolist()) for part in (slice(3), slice(3, None)))
+        # The angle has no terms that cancel: atan2 of the relative rotation is known to rounding of numbers of 1.
         return Nearness(*(CANCELLED * (1.0 + max(map(abs, terms))) for terms in (places, (0.0,), moving, turning)))
 
 
@@ -101,6 +104,7 @@ def _rotation(turn: FloatArray) -> list[float]:
     x, y, z = h - f, c - g, d - b
     sine = math.hypot(x, y, z)
     angle = math.atan2(sine, float(np.trace(turn)) - 1.0)
+    # Where the sine is zero the axis is not defined; the norm, which the bounds use, still is the angle.
     return [x * angle / sine, y * angle / sine, z * angle / sine] if sine else [angle, 0.0, 0.0]
 
 
@@ -145,9 +149,11 @@ class Bounds:
         ratios = [
             0.0 if bound is None else math.hypot(*one) / bound for one, bound in zip(vectors, self._bounds, strict=True)
         ]
+        # The rate of a maximum is that of the value that has it.
         largest = ratios.index(max(ratios))
         one, other, bound = vectors[largest], (*vectors[2:], *accelerations)[largest], self._bounds[largest]
         size, along = math.hypot(*one), sum(a * b for a, b in zip(one, other, strict=True))
+        # A norm at zero has a corner: it rises at the speed of the vector, in whatever direction that is.
         return (along / size if size else math.hypot(*other)) / (bound or math.inf)
 
     def may_dip(self, start: Nearness, end: Nearness, duration_s: float) -> bool:
@@ -160,9 +166,13 @@ class Bounds:
             if bound is None:
                 continue
             if i < 2:
+                # With the largest relative speed v the value is at least start - v t, and at least end - v (T - t): their
+                # mean bounds it for every t.
                 fastest = _MARGIN * max(start[i + 2], end[i + 2])
                 least = 0.5 * (start[i] + end[i] - fastest * duration_s)
             else:
+                # There is no bound on accelerations inside a step. That it bends by no more than its change is a step short
+                # enough for it.
                 least = min(start[i], end[i]) - abs(start[i] - end[i])
             if least > bound:
                 return False
@@ -188,11 +198,14 @@ def first_at_most_zero(f: Callable[[float], float], duration_s: float) -> float 
     """First time in a step at which a function is not positive, s, also where it dips inside; None if there is none."""
     times = [0.0, *(share * duration_s for share in _SAMPLES), duration_s]
     values = [f(time) for time in times]
+    # The condition holds from the start, as where a phase arms a grasp that is within its bounds.
     if values[0] <= 0.0:
         return 0.0
     for i in range(1, len(times)):
         if values[i] <= 0.0:
             return _root(f, times[i - 1], times[i])
+        # A pass faster than the step may satisfy the bounds inside it and at none of the samples: a dip between higher
+        # neighbours.
         if 0 < i < len(times) - 1 and values[i] <= values[i - 1] and values[i] <= values[i + 1]:
             dip = lowest(f, times[i - 1], times[i + 1])
             if f(dip) <= 0.0:
@@ -204,8 +217,10 @@ def _root(f: Callable[[float], float], start_s: float, end_s: float) -> float:
     """Root of a function that is positive at the start and not at the end, rounded up until it is not positive."""
     from scipy.optimize import brentq  # takes a second to import: only runs with a grasp pay
 
+    # Brent's method returns this end, but rounding the root up must not go beyond it.
     if f(end_s) == 0.0:
         return end_s
+    # The grasp closes only where the condition holds. A root that is early by rounding would not, and would be found again.
     root, late = float(brentq(f, start_s, end_s, xtol=EVENT_TIME_S, rtol=EVENT_TIME)), EVENT_TIME_S
     while root < end_s and f(root) > 0.0:
         root, late = min(root + late, end_s), 2.0 * late
@@ -227,10 +242,12 @@ def lowest_inside(bounds: Bounds, start: Vectors, end: Vectors, at: At, duration
     """
     from scipy.optimize import brentq  # takes a second to import: only runs with a grasp pay
 
+    # A part of a step without length has no mean acceleration.
     if not duration_s > 0.0:
         return None
     mean = [[(b - a) / duration_s for a, b in zip(*both, strict=True)] for both in zip(start[2:], end[2:], strict=True)]
     falls, rises = bounds.rate(start, mean), bounds.rate(end, mean)
+    # Monotone or with a maximum: the least value is at one of the ends, which are added anyway.
     if not falls < 0.0 < rises:
         return None
     # The tangents at both ends meet at or below the minimum of a convex function. Of one that is not quite convex, the
@@ -251,6 +268,7 @@ def lowest_inside(bounds: Bounds, start: Vectors, end: Vectors, at: At, duration
         now = [[a + part * b for a, b in zip(*both, strict=True)] for both in zip(mean, bends, strict=True)]
         return bounds.rate(at(time_s), now)
 
+    # The parabola may turn a rate at an end that was rounding: without a change of sign there is no bracket.
     if not rate(0.0) < 0.0 < rate(duration_s):
         return None
     return float(brentq(rate, 0.0, duration_s, xtol=EVENT_TIME_S, rtol=EVENT_TIME))
@@ -261,6 +279,7 @@ def lowest(f: Callable[[float], float], start_s: float, end_s: float) -> float:
     stretch = _GOLDEN_TOLERANCE * (end_s - start_s)
     a, b = end_s - _GOLDEN * (end_s - start_s), start_s + _GOLDEN * (end_s - start_s)
     fa, fb = f(a), f(b)
+    # Golden sections reuse one of two values, and need no derivative, which a maximum of several ratios does not have.
     while end_s - start_s > stretch:
         if fa <= 0.0:
             return a
@@ -315,6 +334,7 @@ class ClosestApproach:
             duration_s: Its length.
             rounding: Rounding of the norms.
         """
+        # Ratios closer than this are equal, and the first one counts: else rounding would choose the time in the record.
         self._rounding = self.bounds.ratio(rounding)
         self._add(Nearness.of(start), 0.0)
         inside_s = lowest_inside(self.bounds, start, end, at, duration_s, self._least.least - self._rounding)
@@ -325,6 +345,7 @@ class ClosestApproach:
 
     def add_end(self, vectors: Vectors) -> None:
         """Add the state at which it is disarmed, which an event at the end of the last step may have changed."""
+        # Without a finished step there is no approach: a state at the time of arming alone does not count as a miss.
         if self._least.first() is not None:
             self._add(Nearness.of(vectors), 0.0)
 

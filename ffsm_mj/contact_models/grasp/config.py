@@ -93,6 +93,7 @@ class GraspConfig(StrictModel):
 
     @model_validator(mode="after")
     def _axis_where_needed(self) -> GraspConfig:
+        # An axis that nothing uses would be ignored in silence, where the user expects a motion along it.
         has_axis = self.joint not in ("rigid", "ball")
         if has_axis and (self.axis is None or not any(self.axis)):
             raise ValueError(f"joint: {self.joint} needs 'axis: [x, y, z]', not all zero, in the frame of robot_site")
@@ -103,6 +104,7 @@ class GraspConfig(StrictModel):
     @property
     def latch_joint(self) -> LatchJoint:
         """The relative motion that it leaves free, with a unit axis."""
+        # A scenario states a direction in any length; rows and rates need a unit vector, or they would be scaled by it.
         length = math.hypot(*self.axis or ())
         return LatchJoint(self.joint, tuple(x / length for x in self.axis or ()))
 

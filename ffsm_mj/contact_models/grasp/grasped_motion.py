@@ -59,6 +59,7 @@ class PoseReader:
         """Closed form for the joints of a base; None unless their axes are orthonormal and the hinge is at its origin."""
         kinds, first = [joint.kind for joint in joints], int(model.body_jntadr[root])
         slides = len(kinds) - kinds.count("hinge")
+        # A hinge before a slide turns its axis, and of two hinges each angle depends on the other: no linear closed form.
         if kinds != ["slide"] * slides + ["hinge"] * (len(kinds) - slides) or len(kinds) > slides + 1:
             return None
         quat = model.body_quat[root]
@@ -66,6 +67,7 @@ class PoseReader:
         along, hinge = axes[:slides], axes[slides:]
         zeros = np.array([model.qpos0[joint.qpos.start] for joint in joints])
         unlike = [np.abs(one @ one.T - np.eye(len(one))).max(initial=0.0) for one in (along, hinge)]
+        # Oblique axes need the inverse of their products, and a hinge off the origin moves it along an arc.
         if max(unlike) > _ROUNDING or model.jnt_pos[first + slides : first + len(kinds)].any():
             return None
         rows = np.column_stack((zeros[:slides] - along @ model.body_pos[root], along))
@@ -150,6 +152,8 @@ class BaseJointSolver:
             if left <= _ROUNDING * scale or left > 0.5 * before:
                 break
             mujoco.mj_comPos(model, data)
+            # Least squares: joints that cannot take a pose come as near as they can, which :func:`check_grasped_system`
+            # refuses.
             self._step[self._dofs] = self._nearest_rates(error)
             mujoco.mj_integratePos(model, data.qpos, self._step, 1.0)
 
@@ -166,6 +170,7 @@ class BaseJointSolver:
         if not self.free and self.reading is None:
             model, data = self._model, self._data
             mujoco.mj_jacDot(model, data, self._rate[3:], self._rate[:3], data.xpos[self._root], self._root)
+            # Acceleration is J qddot + dJ/dt qdot; without the second term joints that turn would miss the centripetal part.
             twist = twist - self._rate @ data.qvel
         self._write(twist, self._qacc)
 
@@ -177,6 +182,7 @@ class BaseJointSolver:
         p, q, r, x, y, z = twist.tolist()
         if self.free:
             a, b, c, d, e, f, g, h, i = self._axes
+            # MuJoCo's free joint: linear rates in world axes, angular ones in those of the body.
             rates[0], rates[1], rates[2] = x, y, z
             rates[3], rates[4], rates[5] = a * p + d * q + g * r, b * p + e * q + h * r, c * p + f * q + i * r
             return
@@ -228,6 +234,7 @@ class GraspedMotion(Motion):
         work, outside = (None, None) if power is None else (power.work, power.outside)
         impulse = None if outside is None else outside.impulse
         super().__init__(system.mj, data, actuator_power(scene.system, system.mj, data, trees, work, impulse))
+        # A motion with stiff servos is stiff with an object in the hand too: explicit steps would be unstable.
         if free.stiff is not None:
             self.make_implicit()
         self.system, self.grasp = system, grasp.name
@@ -237,6 +244,7 @@ class GraspedMotion(Motion):
         self.root, self.link = system.index("body", grasp.root), system.index("body", grasp.link)
         self.bodies = [_same_body(scene.system, body, system) for body in range(self._model.nbody)]
         dof_of = dict(zip(self._dofs.tolist(), self._model_dofs.tolist(), strict=True))
+        # The base joints of the object do not exist in this model: -1 marks what has no counterpart.
         self.dofs = [dof_of.get(dof, -1) for dof in range(self._model.nv)]
         self.joints = LatchJoints(scene.system, system, grasp)
         self.placing = BaseJointSolver(self._model, scene.data, tree)
@@ -247,6 +255,7 @@ class GraspedMotion(Motion):
         self.interface = self.data.cfrc_int[self.root]
         self.centre = self.data.subtree_com[int(self.model.body_rootid[self.root])]
         self.disabled = rigid_pairs(self._model, self)
+        # Contacts, bounds and the log look at the logged system: it follows wherever the path moves to.
         self.path.on_event_located = self._follow_with_accelerations
 
     def hold(self) -> None:
@@ -254,6 +263,7 @@ class GraspedMotion(Motion):
 
         Relative motions that the latch stops are ignored: the object moves without them from now on.
         """
+        # The pose is taken as it is: to align it would be a jump of coordinates, which changes momenta and energy.
         self.joints.fasten(self._free.data, self.model, self.data.qpos)
         self.sync_from_system()
 
@@ -261,6 +271,7 @@ class GraspedMotion(Motion):
         """Start from the state in the system's data, with the object attached as before."""
         free, data = self._free.data, self.data
         data.qpos[self._model_qpos] = free.qpos[self._qpos]
+        # Coordinates of the robot are the same in both models; the object's have no place in this one.
         data.qvel[:] = self.model_rates(free.qvel)
         data.ctrl[:], data.act[:], data.time = free.ctrl, free.act, free.time
         # The logged system has no coordinates for the joints of the latch: they follow from the poses of the two bodies.
@@ -292,6 +303,7 @@ class GraspedMotion(Motion):
         self._follow_with_accelerations()
 
     def _refresh(self) -> None:
+        # Forces of the last stage belong to another state. Those that act are added again in the next one.
         self.data.qfrc_applied.fill(0.0)
         mujoco.mj_forward(self.model, self.data)
         self._follow_with_accelerations()
@@ -342,10 +354,13 @@ def check_grasped_system(free: System, system: System, grasp: Grasp) -> None:
             the link brings it to, or an actuator is missing.
     """
     body, there = free.index("body", grasp.root), system.index("body", grasp.root)
+    # MuJoCo's compiler moves the frame of a free body to its mass centre (align). In the grasped model the body is not free,
+    # and the poses of both would differ by that.
     if not np.allclose(free.mj.body_ipos[body], system.mj.body_ipos[there], rtol=0.0, atol=_POSE_TOLERANCE):
         raise LookupError(
             f"the frame of {grasp.root!r} is moved to its mass centre while it is free (align): write align false"
         )
+    # Efforts are copied by their place: with one missing, every later one would drive another joint.
     if free.names("actuator") != system.names("actuator"):
         raise LookupError(f"an actuator drives the joint by which {grasp.root!r} is free")
     data = mujoco.MjData(free.mj)

@@ -74,6 +74,8 @@ class Latch:
         self.sites = Sites(scene.system, grasp)
         self.grasped_motion = GraspedMotion(free, scene, system, grasp) if system is not None else None
         site = scene.data.site_xpos[self.sites.object]
+        # Two ways to the load: the interface force of a child body, the constraint forces of rows. Which one holds changes
+        # as others close and open.
         self._of_child = (
             InterfaceLoad(self.grasped_motion, site, scene.data, others) if self.grasped_motion is not None else None
         )
@@ -96,6 +98,7 @@ class Latch:
     def set_state(self, state: Any) -> None:
         """Go on from a state."""
         values = entries(state, ("armed", "closest"), f"grasp {self.grasp.name}")
+        # Vectors of the step before belong to another state; they are evaluated anew where they are missing.
         self.armed, self._step_start, self._step_end = bool(values["armed"]), None, (math.nan, [])
         self.closest = None
         if values["closest"] is not None and self._bounds is not None:
@@ -128,6 +131,8 @@ class Latch:
     def load_accuracy(self) -> dict[str, float]:
         """How far rounding of the state in ``data`` changes its load through contact forces, by field of a record."""
         load = self.load.now()
+        # Contact forces answer the state through normals that are known to 1e-10 only: the load varies with them, and the
+        # comparison of a replay has to allow for that.
         varied = [self.load.now() - load for other in self._others if other.active for _ in other.varied_forces()]
         force, torque = np.linalg.norm(np.reshape(varied, (-1, 2, 3)), axis=2).sum(axis=0).tolist()
         return {"force_N": force, "torque_N_m": torque}
@@ -156,14 +161,17 @@ class Latch:
         if self._step_start is None:
             self._step_start = self.sites.vectors(self._data)
         ratio = self.ratio(Nearness.of(self._step_start))
+        # The rounding is evaluated only near the bound: far from it the answer is known.
         return ratio <= 1.0 or (ratio < 2.0 and ratio <= 1.0 + self.ratio(self.sites.rounding(self._data)))
 
     def was_clear(self, longest_s: float) -> bool:
         """Whether its bounds were certainly violated throughout the last step, of at most ``longest_s``."""
+        # Not armed by bounds, or armed in this step: there is no path along which they could have been met.
         if self._bounds is None or self._step_start is None:
             return True
         self._step_end = float(self._data.time), self.sites.vectors(self._data)
         start, end = Nearness.of(self._step_start), Nearness.of(self._step_end[1])
+        # Both ends outside is not enough: a fast pass may satisfy all bounds between them.
         return self.ratio(end) > 1.0 and not self._bounds.may_dip(start, end, longest_s)
 
     def first(self, path: StepPath, duration_s: float) -> float | None:
@@ -177,6 +185,7 @@ class Latch:
         # was_clear() has evaluated the end of the step, unless an event of another model shortened it since.
         end = self._step_end[1] if self._step_end[0] == self._data.time else self.sites.vectors(self._data)
         rounding, at = self.sites.rounding(self._data), self._along(path)
+        # The state changed discontinuously within the step: the path still knows its start.
         start = at(0.0) if self._step_start is None else self._step_start
         self.closest.add_step(start, end, at, duration_s, rounding)
         path.move_to(duration_s)

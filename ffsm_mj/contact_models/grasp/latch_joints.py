@@ -35,6 +35,7 @@ def relative_twist_rows(model: Any, data: Any, first: int, second: int, point: F
     of_first, of_second = np.empty((6, model.nv)), np.empty((6, model.nv))
     for rows, body in ((of_first, first), (of_second, second)):
         mujoco.mj_jac(model, data, rows[:3], rows[3:], point, body)
+    # At one point of both bodies: the impulses on them are then opposite along one line, have no moment, and keep L.
     return of_second - of_first
 
 
@@ -80,6 +81,7 @@ def axis_angle_rad(data: Any, sites: Sites, joint: LatchJoint) -> float:
     if not joint.axis:
         return 0.0
     one, other = (_frame(data, site) @ joint.axis for site in (sites.robot, sites.object))
+    # An angle near zero from its cosine alone would be known to 1e-8 only.
     return math.atan2(float(np.linalg.norm(np.cross(one, other))), float(one @ other))
 
 
@@ -155,6 +157,8 @@ class LatchJoints:
         """
         for (joint, _), value in zip(self._joints, self._coordinates(data), strict=True):
             if joint.kind == "hinge":
+                # A hinge counts full turns, which poses do not show: its coordinate continues, and springs or servos see no
+                # jump.
                 qpos[joint.qpos] = value + _TURN * np.round((qpos[joint.qpos] - value) / _TURN)
             elif joint.kind == "ball" and value.dot(qpos[joint.qpos]) < 0.0:
                 # q and -q are one rotation. A conversion from a matrix gives w >= 0; a motion past half a turn does not, and
@@ -168,6 +172,7 @@ class LatchJoints:
         back, pose = np.empty(4), np.empty(4)
         mujoco.mju_negQuat(back, data.xquat[self._sites.link])
         mujoco.mju_mulQuat(pose, back, data.xquat[self._sites.root])
+        # The compiler would normalise body_quat; a model that is written to has to be given a unit quaternion.
         mujoco.mju_normalize4(pose)
         return pose
 
@@ -196,6 +201,7 @@ class LatchJoints:
         link = data.xmat[self._sites.link].reshape(3, 3)
         if self._joints:
             position = self._sites.point(data)
+            # MuJoCo applies joints from the reference pose on: it is the present pose with their motion taken back.
             for kind, value in zip(self._joint.joints, coordinates, strict=True):
                 if kind == "slide":
                     position = position - value * self.axis(data)

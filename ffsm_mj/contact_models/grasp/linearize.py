@@ -93,6 +93,7 @@ def linearize_grasp(
     f_before = np.concatenate((qvel, event.acceleration(qpos, qvel, effort_before)))
     f_after = np.concatenate((after, event.closed_acceleration(qpos, after, effort_after)))
     falls = float(guard @ f_before)
+    # At a ratio that does not fall the neighbours close later or not at all: dt = -n dx / (n f-) has no meaning.
     if not falls < 0.0:
         raise UnsupportedContactError(f"grasp {grasp.name!r}: {event.bound} does not fall to its bound here: no derivative")
     time = -guard / falls
@@ -127,11 +128,13 @@ class _Closing(SmoothEvent):
         ratios = np.array([0.0 if b is None else x / b for x, b in zip(near, bounds, strict=True)])
         deciding = np.flatnonzero(ratios >= ratios.max() - _AT_BOUND)
         names = Nearness._fields
+        # Which of two bounds closes a neighbour depends on the direction of the change: a corner of the guard.
         if len(deciding) > 1:
             both = ", ".join(names[i] for i in deciding)
             raise UnsupportedContactError(f"grasp {grasp.name!r}: {both} reach their bounds at one instant: no derivative")
         self._which = int(deciding[0])
         self.bound, self._bound = names[self._which], float(bounds[self._which] or 0.0)
+        # The formula holds for an event at a root of the guard; one at a fixed time has S = DR.
         if abs(ratios.max() - 1.0) > _AT_BOUND:
             raise UnsupportedContactError(
                 f"grasp {grasp.name!r}: no bound is reached here, the largest ratio is {ratios.max():.6g}: it closed when "
@@ -167,8 +170,10 @@ class _Closing(SmoothEvent):
             q = qpos.copy()
             mujoco.mj_integratePos(self._model, q, qvel, h)
             ends.append(self._rows(q))
+        # The rows turn with the link: dJ/dt qdot along the motion, by central differences as in the derivatives.
         drift = (ends[1] - ends[0]) @ qvel / (2.0 * STEP)
         answer = np.linalg.solve(M, J.T)
+        # Rows of a planar robot depend on each other: least squares gives the one acceleration that they all allow.
         forces = np.linalg.lstsq(J @ answer, J @ free + drift, rcond=RANK)[0]
         return free - answer @ forces
 

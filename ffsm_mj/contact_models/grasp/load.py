@@ -64,6 +64,7 @@ class InterfaceLoad:
             if contact_model.active and contact_model.pushes:
                 of_others = self._other_forces()
                 break
+        # Positions and velocities are current; efforts may have changed since, at a tick or an event.
         mujoco.mj_forwardSkip(self._model, self._data, _AFTER_VELOCITIES, 1)
         mujoco.mj_rnePostConstraint(self._model, self._data)
         return of_others
@@ -85,6 +86,7 @@ class InterfaceLoad:
             for body, point, force, torque in wrenches:
                 if body in grasped:
                     on_object[:3] += force
+                    # Loads are about the object's site: a force elsewhere has a moment about it.
                     on_object[3:] += torque + cross(point - self._site, force)
         return on_object
 
@@ -117,6 +119,7 @@ class LoopLoad:
     def raw(self) -> bytes:
         """Current values of a row as bytes, as those of :meth:`InterfaceLoad.raw`."""
         load = self.now()
+        # Rows give the force of the latch itself, about the site: no shift of the centre, and no other wrench to take away.
         return np.concatenate((load[3:], load[:3], self._site, self._site, _NO_WRENCH)).tobytes()
 
 
@@ -148,6 +151,7 @@ class LoadBuffer:
         """Update the largest load after an event, under the efforts set there."""
         force, torque = (math.hypot(*part.tolist()) for part in np.split(load.now(), 2))
         greatest, turning, at_s = self.between
+        # Of equal loads the first one keeps its time.
         self.between = max(force, greatest), max(torque, turning), at_s if force <= greatest else time_s
 
     def append(self, closed: int, load: InterfaceLoad | LoopLoad | None) -> None:
@@ -199,10 +203,13 @@ class LoadLimit:
     def is_reached(self) -> bool:
         """Whether it is reached at the start of a step."""
         self._start = self.ratio()
+        # The load may jump at a tick or an event without a root: efforts are constant over a tick.
         return self._start >= 1.0
 
     def was_clear(self) -> bool:
         """Whether the load stayed well below it in the last step, by its ends."""
+        # The load is smooth within a step. A peak inside it that exceeds both ends by a tenth would need a step too long for
+        # the motion.
         return max(self._start, self.ratio()) < _NEAR
 
     def first(self, path: StepPath, duration_s: float) -> float | None:

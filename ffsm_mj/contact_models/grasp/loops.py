@@ -70,6 +70,7 @@ def closing_pose(system: System, data: Any, grasp: Grasp) -> ClosingPose:
     back, quaternion = np.empty(4), np.empty(4)
     mujoco.mju_negQuat(back, data.xquat[link])
     mujoco.mju_mulQuat(quaternion, back, data.xquat[body])
+    # The product of two unit quaternions is one up to rounding only, and the record keeps it for every replay.
     mujoco.mju_normalize4(quaternion)
     return ClosingPose(tuple(position.tolist()), tuple(quaternion.tolist()))
 
@@ -132,6 +133,7 @@ class LoopExchange:
 
     def _couples(self, source: RowSource) -> bool:
         """Whether a coupling of joints passes power between the robot and objects: efforts at joints pass no momentum."""
+        # Only couplings of two joints pass power from one to the other: a locked joint does no work.
         if not isinstance(source, JointCoupling) or source.leader is None:
             return False
         robot = range(self._robot.start, self._robot.stop)
@@ -156,6 +158,7 @@ class LoopExchange:
             point, wrench[:3], wrench[3:] = loops.wrench(i, forces)
             wrench[3:] += np.cross(point, wrench[:3])
         power = float(generalised[self._robot] @ data.qvel[self._robot])
+        # An implicit step evaluates each of its stages repeatedly: the last evaluation counts.
         if forced.repeats:
             self._stages[forced.repeats] = wrenches, power
         else:
@@ -171,6 +174,7 @@ class LoopExchange:
         stages = self._stages[-1 - len(weights) : -1]
         impulses = np.einsum("s,slc->lc", weights, np.array([wrenches for wrenches, _ in stages]))
         on_objects, *outside = self._signs.T @ impulses
+        # The quadrature of the stages is that of the motion, so the balance closes to its order, and momenta to rounding.
         of_robot = float(weights @ [power for _, power in stages])
         # Fixed bodies take no power: what the robot gains, objects that move lose.
         of_objects = 0.0 if self.outside.any() and not self._passes_power else -of_robot
@@ -273,6 +277,7 @@ class LoopForces(ForceSource):
         motion, sources = self.motion, (*self.equalities, *self._latches.values())
         latches = [source for source in sources if isinstance(source, LatchedBodies)]
         motion.disabled = rigid_pairs(self.scene.system.mj, motion, latches)
+        # Dry friction makes a row of a coordinate that comes to rest, in any step and without an event of this source.
         self.active, self._projected = bool(sources) or self._rubs, None
         self._exchanged.bind(motion, sources)
         motion.rubs = self._rubs
@@ -290,12 +295,14 @@ class LoopForces(ForceSource):
                 bodies=motion.bodies,
                 dofs=motion.dofs,
                 seen=self.scene.data,
+                # Numbers in model files are rounded, so rows that depend on each other do so to 1e-8 only (tolerances.py).
                 rank=MECHANISM_RANK if self.equalities else RANK,
                 resting=self._resting,
             )
 
     def keep_at_rest(self, coordinates: Sequence[RowSource]) -> None:
         """Keep some coordinates at rest, by their dry friction, and no others."""
+        # New rows begin without what was chosen of the old ones, and the factor of all rows is lost: only where they change.
         if tuple(coordinates) != self._resting:
             self._resting = tuple(coordinates)
             if hasattr(self, "motion"):
@@ -314,10 +321,12 @@ class LoopForces(ForceSource):
                 :func:`~ffsm_mj.contact_models.grasp.loops.loop_latch`.
         """
         motion, loops = self.motion, self.motion.loops
+        # Rank before: what it grows by is the number of relative motions that the new latch can stop.
         rank = loops.weighted().rank if loops is not None else 0
         self._latches[name] = latch
         self._update()
         assert motion.loops is not None
+        # On the rows of all latches at once: an impulse on the new one alone would set the closed ones in motion.
         plastic = motion.loops.plastic()
         wrenches = {latched: self._wrench(self._place(latched), plastic.impulses) for latched in self._latches}
         motion.data.qvel[:] += plastic.change
@@ -391,6 +400,7 @@ class LoopForces(ForceSource):
     def begin_steady_steps(self) -> SteadyLoops | None:
         """Rows that exchange nothing between the subsystems, in explicit steps; see :class:`ForceSource`."""
         loops = self.motion.loops
+        # The core adds no exchange to the balance, and takes explicit steps only.
         if loops is None or self._exchanged.crosses or self.motion.stiff is not None:
             return None
         self.continue_step()
@@ -413,9 +423,11 @@ class LoopForces(ForceSource):
         loops, applied = self.motion.loops, data.qfrc_applied
         if loops is None:
             return
+        # Within one subsystem rows exchange nothing, and the stages need not be kept.
         if not self._exchanged.crosses:
             loops.push()
             return
+        # What the rows add is the difference: all forces before them are in the same array.
         others = applied.copy()
         loops.push()
         self._exchanged.add_stage(loops.forces, applied - others)
@@ -457,9 +469,11 @@ class LoopForces(ForceSource):
         loops, applied, smooth = self.motion.loops, np.zeros(self.motion.model.nv), self._smooth
         assert loops is not None
         for other in self._others:
+            # Rows answer all other forces: what these add must be known first.
             if other.active and other.pushes:
                 other.add_forces(applied)
         place, load, known = smooth.place(), smooth.load(applied), self._known
+        # A row of the log asks for several loads at one state: the forces are solved once, for tokens of state and forces.
         if known is None or known.place is not place or known.load is not load:
             generalised = loops.generalised(smooth.force(applied))
             forces = loops.forces
@@ -489,6 +503,8 @@ class LoopForces(ForceSource):
         if loops is None or not self._latches:
             return True
         of_grasps = loops.parts[len(self.equalities)].start
+        # A combination of rows that vanishes may change all forces in it by any amount. One of rows of equality constraints
+        # alone, as in every planar linkage, leaves the loads of grasps unique.
         return not np.any(np.abs(loops.weighted().independent()[1][:, of_grasps:]) > _TAKES_PART)
 
     def _wrench(self, which: int, forces: FloatArray) -> FloatArray:

@@ -244,6 +244,7 @@ class GraspModel(EventSource, Replayable):
         """An impact of one of its pairs closes an armed grasp."""
         hit = {name for record in records if isinstance(record, ImpactRecord) for name in (record.pair, record.rule)}
         if hit:
+            # The impact is resolved first, so that the grasp closes at the velocities after it: two impulses at one instant.
             hit_by = [latch for latch in self._latches.values() if latch.armed and latch.contacts & hit]
             self._closing = _one_per_sites([*self._closing, *hit_by])
 
@@ -257,10 +258,12 @@ class GraspModel(EventSource, Replayable):
         self._watching = [latch for latch in self._latches.values() if latch.watches]
         self._limited = [latch for latch in self._closed.latches if latch.limit is not None]
         watches = self._requests or self._closing or self._opening or self._watching or self._limited
+        # The motion bound limits distances, not speeds or loads: while one of these is watched, every step is looked at.
         self.event_bound = -math.inf if watches else math.inf
 
     def due(self) -> bool:
         """Whether a request is pending, an impact closes a grasp, or the bounds of an armed grasp are satisfied."""
+        # These are due whatever the state is. Bounds and loads are evaluated only where nothing else is.
         if self._requests or self._closing:
             return True
         self._opening = self._overloaded()
@@ -274,6 +277,7 @@ class GraspModel(EventSource, Replayable):
     def _overloaded(self) -> Latch | None:
         """A closed grasp whose load limit is reached at the state in ``data``, at the start of a step."""
         reached = [latch for latch in self._limited if latch.limit is not None and latch.limit.is_reached()]
+        # One opens at a time: the loads of the others change with it, and are asked for again at the same instant.
         return reached[0] if reached else None
 
     def is_clear(self) -> bool:
@@ -290,6 +294,7 @@ class GraspModel(EventSource, Replayable):
         self._closing = [latch for at, latch in closing if at is not None]
         self._opening = next((latch for at, latch in opening if at is not None), None)
         times_s = [at for at, _ in (*closing, *opening) if at is not None]
+        # Of roots within one instant the last: there the conditions of all of them hold, and they act as one event.
         return last_of_first(times_s, float(path.start[0])) if times_s else None
 
     def after_substep(self, duration_s: float) -> None:
@@ -313,9 +318,11 @@ class GraspModel(EventSource, Replayable):
             return self._close(instant)
         if not self._requests:
             return self._break(self._opening, instant) if self._opening is not None else None
+        # A release comes before its load limit at the same instant: the object is not let go twice.
         asked, self._requests, self._opening = self._requests, set(), None
         records: list[Any] = []
         accuracy: dict[str, float] = {}
+        # Releases first: sites that are let go may be armed again by the same decision.
         for latch in [closed for closed in self._closed.latches if f"{closed.grasp.name}.{RELEASE}" in asked]:
             records.append(self._closed.open(latch, instant))
         released = bool(records)
@@ -324,9 +331,11 @@ class GraspModel(EventSource, Replayable):
                 records += self._disarm(latch, instant)
                 for field, spread in latch.closest.accuracy().items() if latch.closest is not None else ():
                     accuracy[field] = max(spread, accuracy.get(field, 0.0))
+            # A closed grasp cannot close again, and arming an armed one would lose its closest approach.
             if f"{name}.{ARM}" in asked and not (latch.armed or latch in self._closed.latches):
                 records.append(self._arm(latch, instant))
         motion = self._closed.motion if released else None
+        # Arming changes nothing in the motion: a law need not be evaluated again.
         effect = EventEffect(tuple(records), motion=motion, triggers_control=released, accuracy=accuracy)
         return effect if records else None
 
@@ -341,6 +350,7 @@ class GraspModel(EventSource, Replayable):
     def _close(self, instant: EventTime) -> EventEffect:
         """Close the next of the grasps that close at this instant."""
         latch, *self._closing = self._closing
+        # Until all of this instant are closed, requests wait: else the order of names would decide what closes.
         self._goes_on = bool(self._closing)
         latch.disarm()
         return self._closed.close(latch, instant)
@@ -355,6 +365,7 @@ class GraspModel(EventSource, Replayable):
     def _disarm(self, latch: Latch, instant: EventTime) -> list[Any]:
         """Disarm the latch; record a near miss if it was armed with bounds and never closed."""
         latch.disarm()
+        # One that is disarmed must not close, even if its condition was met at this instant.
         self._closing = [other for other in self._closing if other is not latch]
         closest = latch.end_approach()
         missed = near_miss(self.scene, latch.grasp.name, closest, instant) if closest is not None else None
@@ -377,6 +388,7 @@ class GraspModel(EventSource, Replayable):
         Raises:
             ValueError: A record names an unknown grasp.
         """
+        # The replay may begin in the middle of a log: numbers of events must be those of the run.
         self.scene.numbers.continue_from(records[0].event)
         self._closing, self._goes_on = [], False
         for record in records:

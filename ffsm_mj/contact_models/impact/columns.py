@@ -132,6 +132,7 @@ class RuleGaps:
         """Go on from a state."""
         values = entries(state, ("gaps", "last_s"), "RuleGaps")
         self._gaps[:] = fitting(values["gaps"], self._gaps.shape, "RuleGaps")
+        # The next sample is not the one that these values were logged with: it evaluates the gaps once their period is over.
         self._period.last_s, self._period.is_resumed = values["last_s"], False
 
     def __init__(self, scene: Scene, pairs: Sequence[ContactPair]) -> None:
@@ -165,14 +166,18 @@ def _smallest(pairs: Sequence[ContactPair], spheres: BroadPhase, model: Any, dat
     if len(pairs) == 1:
         (pair,) = pairs
         gap = pair.gap(model, data, DISTANCE_LIMIT_M)
+        # A query that finds nothing within its limit returns the limit: there are no witness points to refine.
         return pair.gap_to_rounding(model, data, gap) if gap < DISTANCE_LIMIT_M else DISTANCE_LIMIT_M
     bounds = spheres.gaps(data)
     gaps: list[tuple[float, ContactPair]] = []
     reach = DISTANCE_LIMIT_M
     for i in np.argsort(bounds).tolist():
+        # The gap of enclosing spheres is a lower bound of that of their geoms: in ascending order no later pair can be
+        # nearer.
         if bounds[i] >= reach:
             break
         gaps.append((pairs[i].gap(model, data, DISTANCE_LIMIT_M), pairs[i]))
+        # Two queries may be off in opposite directions. Without the margin the wrong pair could count as the nearest.
         reach = min(reach, gaps[-1][0] + DISTANCE_QUERY_M)
     near = (pair.gap_to_rounding(model, data, gap) for gap, pair in gaps if gap <= reach and gap < DISTANCE_LIMIT_M)
     return min(near, default=DISTANCE_LIMIT_M)

@@ -192,6 +192,7 @@ class ImpactLaw(Protocol):
         (contact,) = event
         solution = solve_impact(self, problem)
         again = friction_of(self, solution)
+        # Impulse times the largest speed is a bound of its work: the residual of an impulse in the unit of the check, J.
         yield float(np.abs(impulses - again.impulses[0]).max() * np.abs(problem.J @ problem.qvel).max())
         for logged, work in (
             (contact.normal_work_J, again.normal_work),
@@ -199,6 +200,7 @@ class ImpactLaw(Protocol):
             (contact.compression_work_J, again.compression_work),
         ):
             yield abs(logged - float(work[0]))
+        # Another sequence of slip and stick is another solution, however close its numbers are.
         if (contact.status, contact.path, contact.law, contact.theta) != (
             solution.status,
             again.paths[0],
@@ -218,8 +220,11 @@ def solve_impact(law: ImpactLaw, problem: ImpactProblem) -> ImpactSolution:
         UnsupportedContactError: The law does not cover the problem, or its solution is invalid.
     """
     movable = np.flatnonzero(problem.movable)
+    # A single contact is passed to a law only when it approaches: the closed form -(1 + e) u / G would pull on a separating
+    # one.
     if len(movable) == 0 or (len(movable) == 1 and problem.speeds[movable[0]] >= 0.0):
         return _no_impulses(problem)  # nothing collides: no law is needed
+    # A row of zeros has J M^-1 J^T = 0. Laws divide by it, so such a contact is removed first, and put back with no impulse.
     if len(movable) < len(problem.mu):
         return _expanded(solve_impact(law, problem.of(movable)), problem, movable)
     if reason := uncovered(law, problem):
@@ -262,8 +267,12 @@ def uncovered(law: ImpactLaw, problem: ImpactProblem) -> str:
     several, super_elastic = len(problem.mu) > 1, problem.restitution.max() > 1.0
     if problem.with_friction and not law.covers.friction:
         return f"impact law {law.name!r} does not cover friction; with mu > 0 use 'blend' or 'poisson'"
+    # With e^2 > 1 the end of the impact is more work than the compression stored: the path of Routh then adds energy, and no
+    # bound keeps it.
     if problem.with_friction and super_elastic:
         return "super-elastic impacts (e > 1) are without friction: mu > 0 needs e <= 1"
+    # That energy never grows and no contact ends approaching is proved for e <= 1 only: the result is a convex mixture of
+    # two states of no greater energy (docs/derivations.md).
     if several and super_elastic:
         return "super-elastic impacts (e > 1) are for one contact at a time"
     if several and not law.covers.several:
@@ -305,6 +314,7 @@ class _BuiltIn(ImpactLaw):
         yield from super().friction_residuals(event, problem, impulses)
         contact = event[0]
         if len(event) == 1 and contact.law == "stronge":
+            # Friction opposes slip all along Routh's path, so its work is never positive.
             yield max(contact.friction_work_J, 0.0)
             if contact.status != "wedged":  # e^2 = -W_restitution / W_compression; wedged: no restitution
                 yield abs(contact.normal_work_J - (1.0 - contact.restitution_used**2) * contact.compression_work_J)

@@ -86,6 +86,7 @@ def blend(A: FloatArray, w: FloatArray, e: FloatArray) -> LawResult:
     mixed = plastic + e * (elastic - plastic)
     if np.ptp(e) > 0.0:
         mixed = np.minimum(mixed, plastic + e.max() * (elastic - plastic))
+    # Shares of different e need not leave every contact separating: one that keeps approaching would be hit again at once.
     rest = project(A, w + A.T @ mixed)
     return _result(A, w, mixed + rest, jammed=jammed)
 
@@ -178,9 +179,12 @@ def _reflections(A: FloatArray, w: FloatArray) -> tuple[FloatArray, bool]:
         violated = A @ velocity < limit
         if not violated.any():
             return impulses, False
+        # At the plastic velocity the impulse does no work (complementarity), so twice of it keeps |w|: each reflection
+        # conserves energy, and e = 1 does (Smith et al. 2012).
         step = 2.0 * project(A[violated], velocity)
         impulses[violated] += step
         velocity += A[violated].T @ step
+    # Between walls without clearance every reflection is undone by the next. The plastic step stops that, and loses energy.
     return impulses + project(A, velocity), True
 
 
@@ -193,6 +197,7 @@ def least_norm(A: FloatArray, impulses: FloatArray) -> FloatArray:
     along, sizes, _ = np.linalg.svd(A, full_matrices=True)
     rank = int(np.count_nonzero(sizes > CANCELLED * sizes[0]))
     scale = float(np.abs(impulses).max())
+    # Independent rows determine the impulses; only redundant contacts, such as four corners of a box, have a choice.
     if rank == len(A) or scale == 0.0:
         return impulses
     idle = along[:, rank:]  # columns: changes of the impulses without effect on the velocity

@@ -90,16 +90,20 @@ def linearize(
     impact = event.impact(qpos, qvel)
     J = event.row(qpos)
     u = float(J @ qvel)
+    # At a graze, u = 0, a neighbour misses or hits: the time of the impact changes with the root of the distance, without
+    # derivative.
     if not u < 0.0:
         raise UnsupportedContactError(
             f"{pair}: the contact does not approach (gap rate {u:.3g} m/s): no impact to linearize"
         )
     by_q = event.differences(qpos, qvel, of_velocity=False)
     by_v = event.differences(qpos, qvel, of_velocity=True)
+    # An impact changes no coordinate, so the upper half is the identity; velocities after depend on both.
     reset = np.block([[np.eye(nv), np.zeros((nv, nv))], [by_q[:nv], by_v[:nv]]])
     after = impact.after.qvel
     f_before = np.concatenate((qvel, event.acceleration(qpos, qvel, effort_before)))
     f_after = np.concatenate((after, event.acceleration(qpos, after, effort_after)))
+    # The gap depends on coordinates alone. Its rate along f- = (v, a) is thus n^T f- = J v = u.
     n = np.concatenate((J, np.zeros(nv)))
     time = -n / u
     of_impulse = np.concatenate((by_q[nv], by_v[nv]))
@@ -146,12 +150,15 @@ class SmoothEvent:
     def differences(self, qpos: FloatArray, qvel: FloatArray, *, of_velocity: bool) -> FloatArray:
         """Derivatives of the outcome, n numbers, by coordinates or velocities, (n, nv)."""
         columns = []
+        # Central differences err by h^2 and by EPSILON / h: of the order of 1e-10 each at 1e-5 of the size of what is
+        # varied.
         step = STEP * (max(1.0, float(np.abs(qvel).max())) if of_velocity else 1.0)
         for unit in np.eye(self._model.nv):
             ends = []
             for h in (-step, step):
                 q, v = qpos.copy(), qvel + h * unit if of_velocity else qvel
                 if not of_velocity:
+                    # A sum of quaternions is no rotation: changes are taken along the tangent space.
                     mujoco.mj_integratePos(self._model, q, unit, h)
                 ends.append(self.outcome(q, v))
             columns.append((ends[1] - ends[0]) / (2.0 * step))
@@ -160,6 +167,7 @@ class SmoothEvent:
     def acceleration(self, qpos: FloatArray, qvel: FloatArray, effort: FloatArray | None) -> FloatArray:
         """Accelerations under generalised forces of the actuators, (nv,); None: off."""
         data = self._data
+        # Efforts enter as generalised forces below; with controls too they would act twice.
         data.qpos[:], data.qvel[:], data.ctrl[:] = qpos, qvel, 0.0
         data.qfrc_applied[:] = 0.0 if effort is None else effort
         mujoco.mj_forward(self._model, data)
@@ -187,6 +195,7 @@ class _Event(SmoothEvent):
         path = f"{outcome.status} {outcome.friction.paths[0] if outcome.friction is not None else ''}"
         if self._path is None:
             self._path = path
+        # Where slip becomes stick within the differences the map has a kink: their quotient is no derivative from any side.
         elif path != self._path:
             modes = f"{self._path.strip()}, or {path.strip()}"
             raise UnsupportedContactError(f"{self._pair}: the contact modes change here ({modes}): no derivative exists")
@@ -198,6 +207,7 @@ class _Event(SmoothEvent):
 
     def differences(self, qpos: FloatArray, qvel: FloatArray, *, of_velocity: bool) -> FloatArray:
         """Derivatives of (velocity after, impulse) by coordinates or velocities, (nv + 1, nv)."""
+        # The impact map is linear in the velocity then, and exact; differences would leave an error of 1e-9.
         if of_velocity and self._mu == 0.0:
             return self._by_velocity(qpos, qvel)
         return super().differences(qpos, qvel, of_velocity=of_velocity)
@@ -212,6 +222,7 @@ class _Event(SmoothEvent):
 
     def by_restitution(self, qpos: FloatArray, qvel: FloatArray) -> FloatArray:
         """Derivatives of (velocity after, impulse) by e, (nv + 1,); at an end of its range from the inside."""
+        # Laws refuse e < 0, and e > 1 with friction or several contacts.
         low, high = max(self._e - STEP, 0.0), min(self._e + STEP, max(1.0, self._e))
         ends = [self.outcome(qpos, qvel, e) for e in (low, high)]
         return np.asarray((ends[1] - ends[0]) / (high - low))
@@ -219,6 +230,7 @@ class _Event(SmoothEvent):
     def _contact(self, qpos: FloatArray, qvel: FloatArray, restitution: float) -> Contact:
         data, pair = self.go_to(qpos, qvel), self._pair
         near = pair.proximity(self._model, data)
+        # Of an edge or face that lands flat a neighbour touches with one corner first, and which one depends on the change.
         if len(near.points) > 1:
             raise UnsupportedContactError(f"{pair}: {len(near.points)} contact points at one instant: no derivative exists")
         return Contact(pair.body_a, pair.body_b, near.points[0], near.normal, restitution, self._mu)

@@ -52,6 +52,7 @@ def impact_energies(system: System, data: Any, impact: Impact) -> FloatArray:
     out = np.empty((2, 3))
     for k, state in enumerate((impact.before, impact.after)):
         mujoco.mj_mulM(system.mj, data, momentum, state.qvel)
+        # Robot and objects are separate trees: no entry of M couples them, so the energies of both add up to the total.
         share = float(0.5 * momentum[robot] @ state.qvel[robot])
         out[k] = state.kinetic_energy_J, share, state.kinetic_energy_J - share
     return out
@@ -67,6 +68,8 @@ def impulses_between(system: System, impact: Impact) -> FloatArray:
     for contact, force in zip(impact.contacts, impact.vectors, strict=True):
         if not isinstance(contact, LimitContact):
             signs = exchange_signs(system, contact.body_a, contact.body_b)
+            # The moment is about the world origin, as the angular momenta of the balance are: about a moving point it would
+            # not be conserved.
             impulses += np.outer(signs, np.concatenate((force, np.cross(contact.point, force))))
     return impulses
 
@@ -183,6 +186,8 @@ def _friction(impact: Impact, i: int) -> dict[str, Any]:
     """Fields of a record about friction at one contact, or about its absence."""
     friction = impact.friction
     if friction is None:
+        # Velocities are linear in the impulse, so its work is exactly the impulse times the mean of the velocities before
+        # and after.
         mean = 0.5 * float(impact.separation_speeds[i] - impact.approach_speeds[i])
         return {"normal_work_J": float(impact.impulses[i]) * mean}
     return {
@@ -199,6 +204,7 @@ def _friction(impact: Impact, i: int) -> dict[str, Any]:
 
 def _omitted_flights(speed: float, pressing: float, restitution: float) -> tuple[float, float]:
     """Flights omitted by the rest rule at one contact: highest gap in m, and total duration in s."""
+    # Without a force that presses, the omitted flight would not end: the rest rule does not apply, and nothing was omitted.
     if speed <= 0.0 or pressing <= 0.0:
         return 0.0, 0.0
     # Bounces at restitution e last 2 speed / b * (1 + e + e^2 + ...).
@@ -272,6 +278,7 @@ class ImpactModel(Stateful, Detector):
             met = self.resolve(touching)
         except (UnsupportedContactError, ValueError) as error:
             raise RunEnded(Outcome.UNSUPPORTED_CONTACT, f"at t = {time_s:.6g} s: {error} ({self.names()})") from error
+        # Before any velocity is set: those of a result without solution may create energy, and persist in every later row.
         self._refuse_unsolved(met.impact, time_s)
         self._refuse_rest(touching, met, time_s)
         if not any(near.approaches for _, near in touching):
@@ -284,6 +291,7 @@ class ImpactModel(Stateful, Detector):
         energies = impact_energies(system, data, impact)
         met = replace(met, impact=impact)
         records = impact_records(system, data, touching, met, energies, self._impacts, instant)
+        # Pairs that neither approach nor separate are taken over now. Left to impacts, they would touch anew at every step.
         self._persistent.close(touching, struck=True)
         self._refuse_unmoved(touching, impact, time_s)
         self._impacts += 1
@@ -306,13 +314,19 @@ class ImpactModel(Stateful, Detector):
         system, data, motion, touching = self.scene.system, self.scene.data, self.motion, self.closed_pairs()
         qpos, qvel, varied = np.array(motion.data.qpos), np.array(motion.data.qvel), []
         for moved in moved_points(touching, self.scene, motion):
+            # A point that rounding moves far changes the arm of the impulse, and with it all impulses: the spread is what
+            # the comparison allows for.
             varied.append(self._records_of(moved, event))
             motion.go_to(qpos, qvel)
         records = self._records_of(touching, event)
+        # Slip paths of several contacts are discontinuous in the velocities: rounding of the logged state may lead to
+        # another branch.
         if records and not varied and apart(records, event.records) > APART:
             for near in rounded_rates(qvel):
                 motion.go_to(qpos, near)
                 varied.append(self._records_of(self.closed_pairs(), event))
+            # The branch that the run took is among these, unless the log is wrong; then the nearest one is still far from
+            # it.
             records = min([records, *varied], key=lambda candidate: apart(candidate, event.records))
             # Which points stay closed is decided at the logged velocities then.
             data.qvel[:] = event.state_after[system.mj.nq :]
@@ -331,6 +345,7 @@ class ImpactModel(Stateful, Detector):
         try:
             met = self.resolve(touching)
             met = replace(met, impact=self.apply(touching, met.impact))
+        # The log may state an impact where nothing touches. That is a difference to report, not an error of the replay.
         except (UnsupportedContactError, ValueError, ArithmeticError):
             return ()
         energies = impact_energies(system, data, met.impact)
@@ -358,9 +373,11 @@ class ImpactModel(Stateful, Detector):
         """Set the post-impact velocities of the motion; returns the impact in the coordinates of the logged system."""
         motion, data = self.motion, self.scene.data
         before = np.array(data.qvel)
+        # Positions stay: an impact lasts no time, and its impulses change velocities alone.
         motion.data.qvel[:] = impact.after.qvel
         mujoco.mj_forward(motion.model, motion.data)
         motion.path.on_event_located()
+        # With a grasped object another model moves. Its ids of bodies mean nothing to the log, which has those of the scene.
         if motion.data is data:
             return impact
         pairs = [pair for pair, _, _ in contact_points(touching)]
@@ -389,6 +406,8 @@ class ImpactModel(Stateful, Detector):
             momenta = (momentum_matrix(system.mj, data, tree.root) @ change for tree in system.objects)
             on_objects = sum(momenta, -outside[1])
         if impact.friction is not None:
+            # The change of energy is the sum of the works of normal and tangential impulses: what the former do not explain
+            # became heat.
             self._heat.add(impact.friction.normal_work.sum() - (energies[1, 0] - energies[0, 0]))
         return Exchange(energies[1] - energies[0], on_objects, np.array(outside))
 
@@ -414,6 +433,8 @@ class ImpactModel(Stateful, Detector):
         share of rounding, which is a velocity of the light one.
         """
         left = [pair for pair, near in touching if near.approaches and not self._persistent.holds(pair)]
+        # A pair that still approaches and got an impulse is hit again in the next event. Only without any would that repeat
+        # for ever.
         if left and not impact.impulses.any():
             speed = float(impact.approach_speeds.max())
             message = (
@@ -425,6 +446,8 @@ class ImpactModel(Stateful, Detector):
         """End the run if a pair pressed at rest has no defined normal: the same event would repeat for ever."""
         speeds = met.impact.separation_speeds.tolist()
         for (pair, near, _), b, speed in zip(contact_points(touching), met.pressing.tolist(), speeds, strict=True):
+            # A pressed pair without separation speed must become a persistent contact. If it could not, the root would be
+            # found again at the same time, without end.
             if b > 0.0 and speed <= near.rate_tolerance and not self._persistent.holds(pair):
                 message = f"{pair} would stay in contact from t = {time_s:.6g} s by a corner on a corner or on an edge"
                 raise RunEnded(Outcome.UNSUPPORTED_CONTACT, f"{message}, where the contact normal is not defined")
@@ -432,6 +455,8 @@ class ImpactModel(Stateful, Detector):
     def _refuse_rest(self, touching: ClosedPairs, met: RestingResult, time_s: float) -> None:
         """End the run if a pair comes to rest under load and cannot persist."""
         for (pair, _, _), used, b in zip(contact_points(touching), met.used.tolist(), met.pressing.tolist(), strict=True):
+            # A plastic contact that is not pressed only grazes: nothing has to keep it closed, and it may go on as free
+            # motion.
             if used == 0.0 and b > 0.0 and (why := self._persistent.refusal(pair)):
                 message = f"{pair} would stay in contact from t = {time_s:.6g} s, pressed at {b:.3g} m/s^2: {why}"
                 raise RunEnded(Outcome.UNSUPPORTED_CONTACT, message)
@@ -452,6 +477,8 @@ def _in_order_of(
         alike = [contact for contact in left if getattr(contact, what, None) == getattr(theirs, what)]
         if not alike:
             break
+        # Points of a face are listed by the feature search, whose order may change by rounding: the nearest point is the
+        # same contact.
         ordered.append(min(alike, key=lambda contact: math.dist(contact.point_m, theirs.point_m)))
         left = [contact for contact in left if contact is not ordered[-1]]
     return (*ordered, *left)

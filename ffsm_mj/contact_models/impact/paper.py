@@ -65,10 +65,12 @@ def solve_paper_system(system: System, data: Any, contact: Contact) -> PaperSolu
     lost = momentum_matrix(model, data, system.robot.root)[:, robot] @ slope
     gained = momentum_matrix(model, data, tree.root)[:, target]
     allowed = base_jacobian(model, data, tree)
+    # A planar object cannot take all six components of a momentum: the equations count along the motions of its base alone.
     slope_o = _solve(allowed.T @ gained, allowed.T @ lost)
 
     # (18): T(v - slope I) + T_o(v_o + slope_o I) = T(v) + T_o(v_o), divided by I.
     M_r, M_o = M[robot, robot], M[target, target]
+    # The division takes away the root I = 0, of no impact. What is left is linear, and needs no choice of a root.
     linear = float(slope_o @ M_o @ v_o - slope @ M_r @ v)
     quadratic = kinetic_energy(M_r, slope) + kinetic_energy(M_o, slope_o)
     impulse = -linear / quadratic

@@ -21,6 +21,7 @@ from ffsm_mj.records.record import ByName, Values, columns_of, declared, record,
 
 
 def _sentence(record: ImpactRecord) -> str:
+    # With a stated e = 0 every contact ends plastically: only a rule that set e to zero is worth a word.
     rests = record.restitution_used == 0.0 < record.restitution
     after = "comes to rest" if rests else f"separation {record.separation_speed_m_s:.4g} m/s"
     speeds = f"e = {record.restitution:g}, approach {record.approach_speed_m_s:.4g} m/s, {after}"
@@ -55,6 +56,7 @@ def _size(vector: tuple[float, ...]) -> float:
 def _marks(record: ImpactRecord) -> list[Mark]:
     normal = Mark(record.point_m, record.normal, record.impulse_N_s, f"{record.impulse_N_s:.4g} N s", record.pair)
     size = _size(record.tangential_impulse_N_s)
+    # A contact without tangential impulse has no direction of one, and an arrow of no length cannot be drawn.
     if size == 0.0:
         return [normal]
     along = tuple(x / size for x in record.tangential_impulse_N_s)

@@ -41,6 +41,7 @@ def impact_fault(records: Sequence[_Record], pairs: Mapping[str, UnilateralConst
     """Why the records of an impact do not fit the models, in one word; empty if they do."""
     contacts = [record for record in records if isinstance(record, ImpactRecord)]
     vectors = (v for c in contacts for v in (c.point_m, c.normal, c.tangential_impulse_N_s))
+    # Records come from a file that anybody may have changed: a vector of another length would fail deep in the replay.
     if any(len(vector) != 3 for vector in vectors):
         return "state"
     return "pair" if any(_name(record) not in pairs for record in records) else ""
@@ -129,6 +130,7 @@ def moved_points(touching: ClosedPairs, scene: Scene, motion: Motion) -> Iterato
 
 def apart(records: Sequence[_Record], logged: Sequence[_Record]) -> float:
     """How far an impact differs from the logged one: infinite for other paths, else the largest share of a number."""
+    # Another path of slip, or another pair, is no rounding of the same impact: no number measures the difference.
     if [*map(_texts, records)] != [*map(_texts, logged)]:
         return math.inf
     numbers = np.array([(along_row(record)[0], record.dropped_flights_s) for record in (*records, *logged)])
@@ -142,5 +144,6 @@ def _texts(record: _Record) -> tuple[str, str]:
 
 def rounded_rates(qvel: FloatArray) -> FloatArray:
     """Velocities that differ from some by their rounding, in random directions, always the same ones, (n, nv)."""
+    # In which direction the path changes is not known. The generator is fixed, so that a replay gives the same result twice.
     shares = np.random.default_rng(0).uniform(-RATE, RATE, (_NEAR, len(qvel)))
     return np.asarray(qvel + shares * (1.0 + np.abs(qvel)))

@@ -102,6 +102,7 @@ def contact_rows(model: Any, data: Any, contact: Contact | LimitContact, tangent
         tangents: Two unit vectors across the normal in world axes, (2, 3).
     """
     if isinstance(contact, LimitContact):
+        # A stop of a joint has no surface to slip on. Rows of zeros keep three rows for each contact, as the laws expect.
         return np.stack([contact_jacobian(model, data, contact), *np.zeros((2, model.nv))])
     jac_a, jac_b = _jacobians(model, data, contact)
     return _rows(np.vstack((np.asarray(contact.normal, dtype=np.float64), tangents)), jac_a, jac_b)
@@ -118,6 +119,7 @@ def _jacobians(model: Any, data: Any, contact: Contact) -> tuple[FloatArray, Flo
 
 def _rows(directions: FloatArray, jac_a: FloatArray, jac_b: FloatArray) -> FloatArray:
     terms = sum(np.linalg.norm(directions @ jacobian, axis=1) for jacobian in (jac_a, jac_b))
+    # What is left of two parts that cancel is rounding in a random direction, and the impulse along it 1e10 times too large.
     return without_rounding(directions @ (jac_b - jac_a), terms)
 
 
@@ -133,8 +135,11 @@ def contact_points(closed: ClosedPairs) -> list[tuple[UnilateralConstraint, Prox
 def closed_pairs(broad_phase: BroadPhase, scene: Scene, motion: Motion) -> ClosedPairs:
     """The pairs in contact at the state in ``data``, without those on one rigid body of a motion."""
     model, data, pairs = scene.system.mj, scene.data, broad_phase.pairs
+    # Geoms that a rigid grasp joins stay where they are to each other: their row would be zero, and no impulse acts.
     close = [pairs[i] for i in broad_phase.near(data) if pairs[i].geom_ids not in motion.disabled]
     near = [(pair, pair.proximity(model, data)) for pair in close]
+    # Roots of pairs that meet at one time differ by rounding. Taken one after the other, the result would depend on their
+    # order, and a symmetric scene would break its symmetry.
     return [(pair, proximity) for pair, proximity in near if proximity.gap <= CONTACT_GAP_M]
 
 
@@ -143,6 +148,8 @@ def as_contact(
 ) -> Contact | LimitContact:
     """A closed pair or joint limit as a contact in the coordinates of a motion."""
     if isinstance(pair, JointLimit):
+        # The length of a tendon depends on several joints, so its row changes with the state; that of a joint is a unit
+        # vector.
         row = pair.row(motion.model, motion.data, motion.dofs).tolist() if isinstance(pair, TendonLimit) else ()
         return LimitContact(motion.dofs[pair.dof], pair.sign, restitution, tuple(row))
     return Contact(motion.bodies[pair.body_a], motion.bodies[pair.body_b], point, near.normal, restitution, pair.mu)
@@ -184,6 +191,7 @@ def with_loops(J: FloatArray, qvel: FloatArray, constrained: Constrained | None)
     if constrained is None:
         return J, qvel
     constrained_J = constrained(J)
+    # Speed at the contacts that the rows of the loops would have stopped: truncation since the last projection.
     drift = (J - constrained_J) @ qvel
     return constrained_J, qvel + np.linalg.lstsq(constrained_J, drift, rcond=RANK)[0]
 
@@ -255,12 +263,14 @@ def resolve_with_friction(
     order = sorted(range(len(contacts)), key=lambda i: _sort_key(contacts[i]))
     placed = [contacts[i] for i in order]
     e, mu = (np.array([getattr(contact, name) for contact in placed]) for name in ("restitution", "mu"))
+    # Tangents depend on the normal alone, so that no choice depends on the order of contacts, or on the step before.
     axes = np.array([_tangents(contact) for contact in placed])
     J = np.concatenate([contact_rows(model, data, one, across) for one, across in zip(placed, axes, strict=True)])
     problem = ImpactProblem(M, *with_loops(J, qvel, constrained), e, mu)
     solution = solve_impact(law, problem)
     solved = friction_of(law, solution)
     # Only the change is transformed back from mass-weighted velocities: bodies without impulse keep theirs bit for bit.
+    # L^-T A^T = M^-1 J^T, without an inverse of M.
     after = qvel + np.linalg.solve(problem.L.T, problem.A.T @ solved.impulses.ravel())
     back = np.argsort(order)
 
@@ -383,13 +393,16 @@ def resolve(
         raise ValueError(str(error.args[0])) from None
     if not contacts:
         raise ValueError("an impact needs at least one contact")
+    # So that NaN is refused too, for which every comparison is false.
     if not all(contact.mu >= 0.0 for contact in contacts):
         raise ValueError("mu, the coefficient of friction, must be at least 0")
+    # Inertia and Jacobians must be those at the touch: those in ``data`` may belong to the end of the step.
     mujoco.mj_fwdPosition(model, data)
     M = mass_matrix(model, data)
     momentum_map = momentum_matrix(model, data, 0)
     before = np.array(data.qvel)
     J = np.stack([contact_jacobian(model, data, contact) for contact in contacts])
+    # One contact with friction makes three rows of all: the tangential impulse changes the normal velocities of the others.
     if any(contact.mu > 0.0 for contact in contacts):
         outcome = resolve_with_friction(model, data, M, contacts, before, named, constrained)
     else:
@@ -398,6 +411,7 @@ def resolve(
     return Impact(
         contacts=tuple(contacts),
         impulses=outcome.impulses,
+        # Speeds that bodies have, by their own rows; rows less those of the loops serve to find the impulses.
         approach_speeds=-(J @ before),
         separation_speeds=J @ outcome.qvel,
         before=ImpactState(before, kinetic_energy(M, before), momentum_map @ before),
@@ -425,6 +439,7 @@ def _frictionless(
     solution = solve_impact(law, problem)
     # Only the change is transformed back from mass-weighted velocities: bodies without impulse keep theirs bit for bit.
     # One contact needs no factor of M: its response to a unit impulse is known.
+    # For one contact this saves a factorisation, which most impacts would pay for nothing.
     if len(J) == 1:
         change = problem.responses[0] * float(solution.impulses[0])
     else:

@@ -57,14 +57,17 @@ def pressing_accelerations(
         motion: The current motion.
     """
     contacts = impact.contacts
+    # Coriolis forces that press depend on velocities: those that remain once the contacts are at rest decide.
     stopped = [replace(contact, restitution=0.0) for contact in contacts]
     plastic = resolve(motion.model, motion.data, stopped, constrained=motion.constrained)
     with _without_contacts(motion, plastic.after.qvel):
         rates = [pair.second_rate(model, data, near, point) for pair, near, point in points]
         rounding = np.array([rate.rounding for rate in rates])
         pressing = _with_friction(motion, contacts, rates) if any(contact.mu > 0.0 for contact in contacts) else None
+        # Coulomb's conditions may have no solution (Painleve). Normal forces alone always have one, and only decide on rest.
         if pressing is None:
             pressing = _frictionless(motion, contacts, rates)
+    # An acceleration of rounding would bring a contact in free motion to rest, although nothing presses it.
     return np.where(pressing > rounding, pressing, 0.0)
 
 
@@ -97,6 +100,7 @@ def _with_friction(
     # No force presses a contact whose gap no motion changes.
     movable, forces = np.flatnonzero(J[::3].any(axis=1)), np.zeros((len(mu), 3))
     which = (3 * movable[:, None] + np.arange(3)).ravel()
+    # Friction of a sliding contact opposes its slip, not its acceleration: the direction is known before the forces are.
     directions = np.where(slips[:, None], u, 0.0)[movable]
     forces[movable], residual = coulomb_forces(G[np.ix_(which, which)], b[which], mu[movable], directions)
     if residual > SOLVED:
@@ -128,6 +132,7 @@ def _without_contacts(motion: Motion, qvel: FloatArray) -> Iterator[None]:
 def _put(motion: Motion, qvel: FloatArray) -> None:
     motion.data.qvel[:] = qvel
     mujoco.mj_forward(motion.model, motion.data)
+    # With a grasped object the logged system follows the motion: second rates of gaps are evaluated on its data.
     motion.path.on_event_located()
 
 
@@ -190,16 +195,19 @@ def resolve_resting(
     impact = resolve_with(used)
     tolerance = np.array([near.rate_tolerance for _, near, _ in points])
     stated, speeds, pressing = used, np.zeros(len(points)), np.zeros(len(points))
+    # An elastic ball never settles: with e = 1 the flights do not get shorter, and none may be omitted.
     if np.all((stated >= 1.0) & (impact.separation_speeds > tolerance)):
         return RestingResult(impact, used, pressing, speeds)
     pressing = pressing_accelerations(model, data, points, impact, motion)
     # A contact that comes to rest takes velocity from others, which may then come to rest too. At most all of them do.
     for _ in points:
         after = impact.separation_speeds
+        # Rest by the rule needs a contact that is pressed, b > 0: without force its next flight, 2 u / b, never ends.
         rests = (after <= tolerance) | ((stated < 1.0) & (after < rule.least_speeds(pressing)))
         rests &= (pressing > 0.0) & (used > 0.0)
         if not rests.any():
             break
+        # The speed without the rule goes into the record as the height and time of what was omitted.
         speeds = np.where(rests, np.maximum(after, 0.0), speeds)
         used = np.where(rests, 0.0, used)
         impact = resolve_with(used)

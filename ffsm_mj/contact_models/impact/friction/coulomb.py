@@ -61,6 +61,7 @@ def pyramid_impulses(
     # In units of the speed and of G_nn^(1/2) of each contact, entries are of the order of one.
     unit = 1.0 / np.sqrt(np.abs(np.diag(G)[::3]))
     normals, directions = np.zeros((3 * count, count)), np.zeros((3 * count, count * facets))
+    # Without these units a light and a heavy contact differ by their mass ratio, and the one threshold _ZERO fits neither.
     for i in range(count):
         angles = first[i] + 2.0 * np.pi / facets * np.arange(facets)
         normals[3 * i, i] = unit[i]
@@ -88,6 +89,7 @@ def lemke(M: FloatArray, q: FloatArray) -> FloatArray:
     The tableau holds w - M z - z0 = q; its first columns are the inverse of the basis, which the ratio test needs.
     """
     size = len(q)
+    # No contact approaches: z = 0 solves the problem, and the artificial variable would have no row to enter by.
     if q.min() >= 0.0:
         return np.zeros(size)
     tableau = np.hstack((np.eye(size), -M, -np.ones((size, 1)), q[:, None]))
@@ -101,10 +103,13 @@ def lemke(M: FloatArray, q: FloatArray) -> FloatArray:
         left = int(basis[leaving_row])
         _pivot(tableau, leaving_row, entering)
         basis[leaving_row] = entering
+        # The artificial variable has left the basis: the rest is a complementary solution.
         if left == artificial:
             break
         entering = left + size if left < size else left - size
         row = _leaving(tableau, entering, basis == artificial)
+        # On a ray no variable leaves. The problem has a solution where ``least`` is zero (its matrix is copositive): then it
+        # is rounding. The iterate is a start for Newton's method all the same.
         if row is None:
             break
         leaving_row = row
@@ -129,8 +134,11 @@ def _leaving(tableau: FloatArray, column: int, artificial: BoolArray) -> int | N
     size = len(tableau)
     ratios = tableau[rows, -1] / entries[rows]
     rows = rows[ratios <= ratios.min() + _ZERO * max(1.0, abs(float(ratios.min())))]
+    # Of equal ratios that of the artificial variable ends the method; another choice could pivot on and lose the solution.
     if artificial[rows].any():
         return int(rows[artificial[rows]][0])
+    # The lexicographic rule compares ties by the columns of the inverse basis: in symmetric scenes ratios tie, and would
+    # cycle.
     for other in range(size):
         if len(rows) == 1:
             break
@@ -207,6 +215,7 @@ def coulomb(contacts: CoulombProblem) -> tuple[FloatArray, float]:
         if left < residual:
             best, residual = impulses, left
     # Remove what the residual left: open contacts get exactly their least impulse, and impulses are clipped to their cones.
+    # What is left would be a force of rounding on a contact that opens, and its record would show an impulse.
     open_ = _split(contacts, best)[1] <= contacts.least
     best[open_, 0] = contacts.least[open_]
     best[:, 0] = np.maximum(best[:, 0], contacts.least)
@@ -219,6 +228,8 @@ def _pyramids(count: int) -> Iterator[tuple[int, float | None, float]]:
     A pyramid around the cone keeps contacts sticking that nearly slip, one inside it lets them slip.
     """
     for facets, turn in _FACETS:
+        # Pivots cost the square of the rows and their number grows with the rows: the cost grows with the cube of the
+        # facets.
         if count * facets > _MAX_FACETS:
             continue
         yield facets, turn, 1.0
@@ -254,6 +265,7 @@ def _newton(contacts: CoulombProblem, start: FloatArray) -> tuple[FloatArray, fl
             break
         # In one unit for all unknowns the step of least norm shares impulses among redundant contacts by their inertia.
         step = np.linalg.lstsq(slopes * (share[:, None] / share), -violation, rcond=CANCELLED)[0] / share
+        # F is piecewise smooth: a full step across a kink, between slip and stick, may increase the residual.
         for halving in range(_HALVINGS):
             part = 0.5**halving
             trial = impulses + part * step.reshape(-1, 3)
@@ -278,6 +290,8 @@ def _damped(contacts: CoulombProblem, start: FloatArray) -> tuple[FloatArray, fl
         size = float(np.linalg.norm(violation))
         if np.abs(violation).max() < _AIM or damping > _MAX_DAMPING:
             break
+        # Damping that falls with the residual keeps the convergence fast although the Jacobian is singular at redundant
+        # contacts (Fan & Yuan, Computing 74, 2005).
         stacked = np.vstack((slopes * (share[:, None] / share), np.sqrt(damping * size) * np.eye(len(share))))
         step = np.linalg.lstsq(stacked, np.append(-violation, np.zeros(len(share))), rcond=None)[0] / share
         trial = impulses + step.reshape(-1, 3)
@@ -296,7 +310,9 @@ def violation_of(contacts: CoulombProblem, impulses: FloatArray) -> tuple[FloatA
     closed = normal > contacts.least
     length_n = np.where(closed, normal, contacts.least)
     radius, length = contacts.mu * length_n, np.hypot(whole[:, 1], whole[:, 2])
+    # A cone of width zero has no inside: without friction a contact always takes the branch of sliding, with zero force.
     slides = (length > radius) | (radius <= 0.0)
+    # The projection on the disc has no direction at its centre; any does, as the radius is zero wherever this is used.
     along = whole[:, 1:] / np.where(length > 0.0, length, 1.0)[:, None]
     projected = np.where(slides[:, None], radius[:, None] * along, whole[:, 1:])
     F = impulses - np.column_stack((length_n, projected))
@@ -338,6 +354,7 @@ def coulomb_forces(G: FloatArray, b: FloatArray, mu: FloatArray, slips: FloatArr
         slips: Slip velocities of sliding contacts, of any length, (k, 2); zero for those without slip.
     """
     scale, sizes = float(np.abs(b).max(initial=0.0)), np.hypot(slips[:, 0], slips[:, 1])
+    # Nothing accelerates the contacts, and nothing may be divided by a scale of zero.
     if scale == 0.0:
         return np.zeros((len(mu), 3)), 0.0
     slides = sizes > 0.0
@@ -345,6 +362,8 @@ def coulomb_forces(G: FloatArray, b: FloatArray, mu: FloatArray, slips: FloatArr
     along = np.eye(len(b))
     for i in np.flatnonzero(slides).tolist():
         along[3 * i + 1 : 3 * i + 3, 3 * i] = -mu[i] * (slips[i] / sizes[i])
+    # With friction columns the matrix is not symmetric, and redundant contacts make it singular: without the compliance
+    # their shares of a load would not be determined.
     compliant = G @ along + _COMPLIANCE * float(G.diagonal()[::3].mean()) * np.eye(len(b))
     still = np.where(slides, 0.0, mu)
     contacts = CoulombProblem(compliant, b, still, np.zeros(len(mu)), scale, inertia=G)

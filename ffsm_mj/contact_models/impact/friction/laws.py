@@ -46,6 +46,7 @@ def impact_with_friction(A: FloatArray, w: FloatArray, mu: FloatArray, e: FloatA
         UnsupportedContactError: The law does not cover friction, or e > 1.
         ValueError: A contact between bodies that cannot move along its normal.
     """
+    # Newton's ratio of speeds ignores the work of slip that reverses: Kane's pendulum gains energy (Kane & Levinson 1985).
     if law not in _LAWS:
         raise UnsupportedContactError(
             f"{law!r} with friction can create energy; with mu > 0 use {' or '.join(map(repr, _LAWS))}"
@@ -119,6 +120,8 @@ class _SeveralContacts:
         low, high, best = 0.0, 1.0, None
         for _ in range(_BISECTIONS):
             middle = 0.5 * (low + high)
+            # Only a theta that was solved and found not to gain is kept, so the result dissipates even where the gain is not
+            # monotone.
             tried = with_share(middle)
             if tried is None:
                 high = middle
@@ -137,6 +140,7 @@ class _SeveralContacts:
             expansion, _ = self.expand(which, u, compression, compression[which, 0])
             impulses += compression + expansion
             u = self.u + self.G @ impulses.ravel()
+        # As in the frictionless law, passes between bodies without clearance never end; a plastic step stops them.
         return impulses + self.solve(np.arange(len(self.mu)), u, np.zeros(len(self.mu))), True
 
 

@@ -22,6 +22,7 @@ def tangents(normal: FloatArray) -> FloatArray:
     """
     x, y, z = normal.tolist()  # plain floats: of three numbers, these are faster than arrays
     sizes = (abs(x), abs(y), abs(z))
+    # The axis furthest from the normal has the longest cross product with it, at least sqrt(2/3): no cancellation.
     a, b, c = ((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0))[sizes.index(min(sizes))]
     length = math.sqrt(a * a + b * b + c * c)
     a, b, c = a / length, b / length, c / length
@@ -72,5 +73,6 @@ def clip_to_cone(impulse: FloatArray, mu: float) -> FloatArray:
     """Clip an impulse (normal, t1, t2) to its friction cone: normal part >= 0, tangential part at most mu times that."""
     normal = max(float(impulse[0]), 0.0)
     length, most = float(np.hypot(impulse[1], impulse[2])), mu * normal
+    # Iterations end within SOLVED of the cone; friction beyond mu times the normal impulse is excluded exactly.
     share = 1.0 if length <= most else WITHIN * most / length
     return np.array([normal, share * impulse[1], share * impulse[2]])

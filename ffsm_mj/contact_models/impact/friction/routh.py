@@ -83,8 +83,10 @@ class Problem:
         Slip along s grows at the rate a > 0 if g - mu H s = a s, so s = (mu H + a)^-1 g with |s| = 1. The length falls with
         a and exceeds one at a = 0; Newton's method on its inverse, which is concave, converges to the root from below.
         """
+        # The impulse that keeps the slip at zero lies in the cone: by Coulomb's law the contact then sticks.
         if hypot(*self.hold) <= self.mu:
             return None
+        # At this rate |(mu H + a)^-1 g| >= 1, as no eigenvalue of H exceeds the largest: a start below the root.
         rate = max(0.0, float(np.linalg.norm(self._g)) - self.mu * float(self._values[-1]))
         for _ in range(_ITERATIONS):
             parts = self._g / (self.mu * self._values + rate)
@@ -145,6 +147,8 @@ class Path:
 
     def stop(self, problem: Problem, direction: FloatArray | None) -> None:
         """Set slip to exactly zero; the contact then slips along ``direction`` or sticks."""
+        # The slip is zero to the tolerance of integration only. Left so, it would count as slip in some direction of
+        # rounding.
         self.impulse[1:] -= problem.impulse_for(problem.u[1:] + problem.G[1:] @ self.impulse)
         self.u_n = float(problem.u[0] + problem.G[0] @ self.impulse)
         self.speed, self.direction = 0.0, direction
@@ -162,6 +166,7 @@ class Path:
         if target is None:
             ahead[TURN] = -self.u_n / rate if rate > 0.0 else inf
         else:
+            # In expansion the normal velocity may fall to zero again before the work is given back: compression begins anew.
             ahead[TURN] = -self.u_n / rate if rate < 0.0 else inf
             ahead[END] = _until(target - self.normal_work, self.u_n, rate)
         event = min(ahead, key=ahead.__getitem__)
@@ -177,12 +182,14 @@ class Path:
             self.friction_work -= problem.mu * impulse * (self.speed + 0.5 * grows * impulse)
         self.impulse = self.impulse + impulse * self.force(problem)
         self.u_n += rate * impulse
+        # At the event STOP the sum is zero to rounding, and a negative speed would turn the slip around.
         self.speed = max(self.speed + grows * impulse, 0.0)
 
 
 def _until(work: float, u_n: float, rate: float) -> float:
     """Normal impulse whose work from u_n >= 0 on is ``work`` >= 0; infinite if u_n falls to zero before."""
     square = u_n * u_n + 2.0 * rate * work
+    # The normal velocity falls to zero before so much work is done; TURN is then the event.
     if square < 0.0:
         return inf
     through = u_n + sqrt(square)  # the form of the quadratic root without cancellation
@@ -270,11 +277,13 @@ def _until_event(
 ) -> tuple[str, FloatArray]:
     from scipy.integrate import LSODA
 
-    # A stiff method: for slip that is slow compared with the bounce, its direction settles at once.
+    # A stiff method: for slip that is slow compared with the bounce, its direction settles at once. The explicit DOP853
+    # takes up to 1.8 s on such directions, and its interpolation put one event 2e-7 off.
     solver: Any = LSODA(rates, 0.0, start, _TAU_END, rtol=1e-13, atol=rounding)
     before = start
     for _ in range(_MAX_STEPS):
         solver.step()
+        # Failure is no solution: the caller takes the law that needs no path instead.
         if solver.status != "running":
             return NONE, before
         passed = [name for name, value in events.items() if value(before) <= 0.0 < value(solver.y)]
@@ -294,6 +303,7 @@ def _rise(solver: Any, value: Callable[[FloatArray], float]) -> tuple[float, Flo
     for end in (solver.t_old, solver.t):  # interpolation is rounded at its ends: zero may lie just outside
         if (value(dense(end)) >= 0.0) == (end == solver.t_old):
             return end, dense(end)
+    # Tau starts at zero and has no scale of its own: only a relative tolerance fits.
     tau = brentq(lambda tau: value(dense(tau)), solver.t_old, solver.t, xtol=1e-300, rtol=1e-15)
     return tau, dense(tau)
 
@@ -412,6 +422,8 @@ class _ImpulsePath:
     def _at_rest(self) -> bool:
         """Whether the contact is locked, or all speeds have vanished during compression."""
         path = self.path
+        # Along stick this rate is the Schur complement G_nn - g^T H^-1 g >= 0. Where it is zero, G is singular: no impulse
+        # changes the normal velocity without slip, and compression would never end.
         locked = path.sticks and path.normal_rate(self.problem) <= CANCELLED
         return locked or (self.compressing and max(abs(path.u_n), path.speed) <= SOLVED)
 
