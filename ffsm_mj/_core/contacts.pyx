@@ -36,6 +36,7 @@ cdef double _AWAY = 1e4
 
 cdef bint presses_alone(modes, RowMemory memory) except -1:
     """Whether a single point without friction presses, and something can move along its normal: one row is held."""
+    # Without an inverse mass nothing moves along the normal: a division by it would give a force without bound.
     return memory.points == 1 and not memory.rubs[0] and modes.all_stick and memory.inverse_mass(0) > _CANCELLED
 
 
@@ -45,6 +46,7 @@ cdef object structure_of(modes, RowMemory memory):
     if structure is None:
         structure = modes.kept.get(modes.key)
         # The same rows as in the step before, and so the same object: what is made for it is used again.
+        # ``keeps_rows`` knows the rows of points that all stick; with sliding ones others are held.
         if structure is None or not (modes.all_stick and keeps_rows(memory, structure)):
             structure = ActiveRows.of(FrictionProblem(memory.array("G"), np.empty(memory.rows), modes.mu), modes.kinds)
         modes.structures[modes.key] = modes.kept[modes.key] = structure
@@ -60,6 +62,8 @@ cdef bint keeps_rows(RowMemory memory, structure) except -1:
     for i in range(m):
         largest = max(largest, G[i * (m + 1)])
     for i in range(m):
+        # The square of a row of zeros, as of a tangent in which a planar mechanism cannot move: rounding relative to the
+        # largest.
         if G[i * (m + 1)] > _CANCELLED * largest:
             if at == rows.shape[0] or rows[at] != i:
                 return False
@@ -72,6 +76,7 @@ cdef bint slips_along_a_line(const double* G, Py_ssize_t m, Py_ssize_t p, double
     cdef const double* row = G + (3 * p + 1) * (m + 1)
     cdef double a = row[0], b = row[1], c = row[m + 1]
     largest[0] = 0.5 * (a + c) + hypot(0.5 * (a - c), b)
+    # Determinant over the squared largest eigenvalue: the ratio of both eigenvalues, which is zero for rank one.
     return a * c - b * b <= _RANK * largest[0] * largest[0]
 
 
@@ -109,11 +114,17 @@ cdef double directions_of_slip(
             first, second = first / size, second / size
         u, v = memory.velocity(3 * p + 1), memory.velocity(3 * p + 2)
         size, least = hypot(u, v), min(least, u * first + v * second)
+        # The other direction cannot move, so slip along it is rounding: the axis of the ellipse of G is the direction,
+        # whatever the slip is.
         if slips_along_a_line(G, m, p, &largest):
             angle = 0.5 * atan2(2.0 * G[at + 1], G[at] - G[at + m + 1])
             u, v, size = cos(angle), sin(angle), 1.0
+        # Near its stop a point keeps its direction: the slip that is left turns ever faster, and RK4 would not resolve that
+        # (modes.py).
         elif straight[p] or size == 0.0:
             u, v, size = first, second, 1.0
+        # An axis has no sense, and a slip that has passed zero points backwards: friction keeps opposing the slip of the
+        # start, until the stop is located.
         if u * first + v * second < 0.0:
             size = -size
         slips[2 * p], slips[2 * p + 1] = u / size, v / size
@@ -202,6 +213,7 @@ cdef class ContactEvaluation:
         for p in range(self.memory.points):
             if self.memory.rubs[p]:
                 u, v = self.memory.velocity(3 * p + 1), self.memory.velocity(3 * p + 2)
+                # Written so that NaN counts as slip: a step that has diverged must not be steady.
                 if not u * u + v * v <= most * most:
                     return False
         return True
@@ -231,12 +243,16 @@ cdef class ContactEvaluation:
                 for d in range(self.memory.nv):
                     largest = max(largest, fabs(J[d] * self.memory.qvel[d]))
             self.speeds[p] = hypot(self.memory.velocity(3 * p + 1), self.memory.velocity(3 * p + 2))
+            # Near its stop the force of a sliding point changes within one step. There the choice of modes has to look.
             if not self.speeds[p] > _AWAY * max(stop_speeds[p], _RATE * (1.0 + largest)):
                 return False
         forces = self.present_forces()
         for p in range(self.memory.points):
+            # A contact cannot pull: a point with a negative normal force leaves, and the state is not steady.
             if not forces[3 * p] > 0.0 or (not self.memory.rubs[p] and not self.presses(p) >= 0.0):
                 return False
+        # The determinant of the linear problem has a sign; where it changes, at Painleve's limit, the normal force has no
+        # solution.
         return self.forward > 0.0 and self.active().has_sign()
 
     cdef double presses(self, Py_ssize_t p) except? -2.0:
@@ -261,6 +277,8 @@ cdef class ContactEvaluation:
         cdef Py_ssize_t sticking = 0
         for p in range(self.memory.points):
             if self.memory.rubs[p]:
+                # Distance from the friction cone in N; times the inverse mass below it is an acceleration, in which rounding
+                # is known.
                 least = min(least, self.mu[p] * forces[0] - sqrt(forces[1] * forces[1] + forces[2] * forces[2]))
                 inertia += self.memory.inverse_mass(3 * p)
                 sticking += 1
@@ -272,6 +290,7 @@ cdef class ContactEvaluation:
         if not sticking:
             return pressing
         inertia /= sticking
+        # A point exactly on its cone may stick: without this allowance rounding would let it slip.
         return min(pressing, (least + _ON_CONE * largest) * inertia)
 
     def settled(self):
@@ -337,10 +356,12 @@ cdef double largest_ratio(const double* forces, const double[::1] mu, double* ra
     cdef Py_ssize_t p
     cdef double friction, limit, rounding = 0.0, largest = 0.0
     for p in range(3 * mu.shape[0]):
+        # Internal forces of redundant points cancel: their rounding is that of the largest force.
         rounding = max(rounding, _FRICTION_ROUNDING * fabs(forces[p]))
     for p in range(mu.shape[0]):
         friction = sqrt(forces[1] * forces[1] + forces[2] * forces[2])
         limit = mu[p] * forces[0]
+        # Friction of rounding over a normal force of rounding would be any ratio.
         ratios[p] = 0.0 if friction <= rounding else friction / limit if limit > 0.0 else INFINITY
         largest, forces = max(largest, ratios[p]), forces + 3
     return largest
@@ -352,6 +373,8 @@ cdef class StageForces:
     def __init__(self, smooth, evaluator, contact_points, modes):
         self.contact_points, self.modes = contact_points, modes
         self.smooth, self.evaluator = smooth, evaluator
+        # What closed loops hold is taken out of the rows (``close_loops``), which needs them as a whole, one state at a
+        # time.
         if self.smooth.motion.loops is None:
             self.states = self.evaluator.groups_in_memory()
         if self.states is None:
@@ -377,6 +400,7 @@ cdef class StageForces:
         self.smooth.write_force(&applied[0], &self.force[0])
         self.evaluator.evaluate(self.states, memory)
         stage = empty_stage(memory.rows, memory.nv, len(memory.counts), self.sliding)
+        # The effort grows with the cube of the rows: six for each pair of bodies here, instead of three for each point.
         if self.patches is not None and self.patches.prepare(self.states, memory):
             self.patches.solve(memory, &self.force[0], stage.along, &self.sums[0])
         else:
@@ -424,6 +448,7 @@ cdef class StageForces:
     cdef int hold(self) except -1:
         """Take the rows that are held in this step, as the start of the step determined them, and their matrix."""
         structure = structure_of(self.modes, self.memory)
+        # The rows are those of the stage before: the matrix is put into the same memory. Others need one of another size.
         if structure is not self.structure:
             self.structure, self.active = structure, None
         if self.active is None:

@@ -84,6 +84,7 @@ cdef class FaceGroup:
         """The points at the current state, with the twists of both bodies of the contact there."""
         cdef FaceState state = FaceState.__new__(FaceState)
         state.group, state.count, state.block = self, self.count, room(self.count * COLUMNS)
+        # Pairs are ordered by their bodies, features by face and point: where these differ, normals turn round.
         state.values, state.sign = numbers(state.block), -1.0 if self.swapped else 1.0
         state.move(b, a)
         return state
@@ -98,6 +99,8 @@ cdef class FaceState:
         self.first = b[0] if self.group.swapped else a[0]
         self.second = a[0] if self.group.swapped else b[0]
         if self.group.in_patch:
+            # Normals of a flat patch turn with body a for all points, so that second rates are affine in the place
+            # (contact_points.py).
             self.place_points(a.omega)
         else:
             self.place_points(self.first.omega)
@@ -116,6 +119,7 @@ cdef class FaceState:
                 + group.first_axes[3 * i + 2] * group.normal[2]
             )
         minus(self.second.centre, self.first.centre, self.offset)
+        # The normal of a point on a face turns with the face, whichever body of the contact that is.
         cross(self.first.omega, self.normal, self.face_turning)
         cross(omega, self.normal, self.turning)
         for p in range(self.count):
@@ -131,8 +135,10 @@ cdef class FaceState:
                 row[LOCAL + i] = (
                     one[0] * group.first_axes[i] + one[1] * group.first_axes[3 + i] + one[2] * group.first_axes[6 + i]
                 )
+            # In the frame of the face: positions in world axes far from the origin would round the gap.
             height = dot(row + LOCAL, group.normal) - group.level
             row[GAP] = height - group.radius[p]
+            # The force acts in the middle of the gap, at one point of both bodies: the pair of forces has no moment.
             row[LEVEL] = group.first_radius[p] + 0.5 * row[GAP] - height
             minus(row + PLACE, self.second.centre, arm)
             for i in range(3):
@@ -142,6 +148,7 @@ cdef class FaceState:
             for i in range(3):
                 row[POINT_RATE + i] = w[i]
                 w[i] -= one[i]
+            # The largest term of the second rate of the gap by the turning normal: its rounding is that of this term.
             row[RATE], row[BEND] = dot(self.normal, w), 2.0 * dot(self.face_turning, w)
             for i in range(3):
                 row[POINT + i] = row[PLACE + i] + row[LEVEL] * self.normal[i]
@@ -159,6 +166,7 @@ cdef class FaceState:
     cdef void wrench_row(self, const double* axis, const double* place, double* row) noexcept:
         """Moment and force of a unit force along an axis at a place."""
         cdef double[3] arm
+        # Moments about a centre near the contact: about the world origin rows of a distant pair would be almost parallel.
         minus(place, self.centre(), arm)
         cross(arm, axis, row)
         row[3], row[4], row[5] = axis[0], axis[1], axis[2]
@@ -198,6 +206,8 @@ cdef class FaceState:
         cdef Py_ssize_t p
         cdef int j
         cdef double[3] arm, other, acceleration, there, spin
+        # Points of application move over both bodies: each adds its spin times their motion relative to it, and only the
+        # difference is left.
         minus(self.second.omega, self.first.omega, spin)
         for p in range(self.count):
             minus(self.values + p * COLUMNS + POINT, self.second.centre, arm)
@@ -247,6 +257,7 @@ cdef class FaceState:
         cdef double[:, ::1] sides = self.group.sides
         cdef Py_ssize_t s
         cdef double distance, least = 0.0
+        # A round cap has no straight sides: the face itself knows its bound.
         if not sides.shape[0]:
             return self.group.face.inside(tuple(self.table()[p, LOCAL : LOCAL + 3].tolist()))
         for s in range(sides.shape[0]):
@@ -311,8 +322,11 @@ cdef void add_point(
         out: The resultant.
     """
     cdef int i
+    # Without force there is no centre of pressure: the middle of the points stands for it.
     cdef double weight = force / total if total > 0.0 else 1.0 / count
     for i in range(3):
         out[i] += force * normal[i]
+        # The centre of pressure: the point about which the normal forces have no moment across the normal.
         out[3 + i] += weight * point[i]
+        # Weighted as the centre is, so that a point without force does not tilt the mean.
         out[6 + i] += weight * normal[i]

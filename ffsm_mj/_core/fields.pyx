@@ -124,6 +124,7 @@ cdef class FieldForces:
         cdef const double* c
         cdef const double* w
         cdef double x, y, z
+        # Views of MuJoCo's arrays cost more than the sums over a few bodies: they are taken once for each data.
         if data is not self.bound:
             self.bound, self.centres, self.frames, self.twists = data, data.xipos, data.ximat, data.cvel
             self.subtree_centres, self.axes_of_dofs = data.subtree_com, data.cdof
@@ -135,6 +136,8 @@ cdef class FieldForces:
                 bodies.force[k, i] = bodies.torque[k, i] = 0.0
             for i in range(9):
                 bodies.turn[k, i] = self.frames[b, i]
+            # MuJoCo's cvel is the velocity of the point at the tree's mass centre: moved to that of the body, at which a
+            # field acts.
             x, y, z = bodies.position[k, 0] - c[0], bodies.position[k, 1] - c[1], bodies.position[k, 2] - c[2]
             bodies.velocity[k, 0] = w[3] + w[1] * z - w[2] * y
             bodies.velocity[k, 1] = w[4] + w[2] * x - w[0] * z
@@ -150,6 +153,7 @@ cdef class FieldForces:
             b = self.ids[k]
             c = &self.subtree_centres[self.roots[b], 0]
             x, y, z = bodies.position[k, 0] - c[0], bodies.position[k, 1] - c[1], bodies.position[k, 2] - c[2]
+            # The axes of the degrees of freedom (cdof) are about the mass centre of the tree, so the moments must be too.
             self.total[b, 0] = bodies.torque[k, 0] + y * bodies.force[k, 2] - z * bodies.force[k, 1]
             self.total[b, 1] = bodies.torque[k, 1] + z * bodies.force[k, 0] - x * bodies.force[k, 2]
             self.total[b, 2] = bodies.torque[k, 2] + x * bodies.force[k, 1] - y * bodies.force[k, 0]
@@ -161,7 +165,9 @@ cdef class FieldForces:
         """Add the generalised forces of what was evaluated last, (nv,)."""
         cdef Py_ssize_t b, d, i
         cdef double sum
+        # Children have larger ids than their parents: one pass from the last body adds up what each joint carries.
         for b in range(self.total.shape[0] - 1, 0, -1):
+            # The world takes no force.
             if self.parents[b] > 0:
                 for i in range(6):
                     self.total[self.parents[b], i] += self.total[b, i]
@@ -185,6 +191,7 @@ cdef class FieldForces:
             for i in range(3):
                 rate[0] += f[i] * bodies.velocity[k, i] + t[i] * bodies.spin[k, i]
                 rate[1 + i] += f[i]
+            # About the world origin, as all angular momenta of the balance.
             rate[4] += t[0] + p[1] * f[2] - p[2] * f[1]
             rate[5] += t[1] + p[2] * f[0] - p[0] * f[2]
             rate[6] += t[2] + p[0] * f[1] - p[1] * f[0]
@@ -239,6 +246,7 @@ cdef class KeplerOrbit:
             square, along = square + self.V0[i] * self.V0[i], along + self.R0[i] * self.V0[i]
         self.mu, self.radius = mu, sqrt(self.R0[0] * self.R0[0] + self.R0[1] * self.R0[1] + self.R0[2] * self.R0[2])
         energy = 0.5 * square - mu / self.radius
+        # Parabola and hyperbola have no eccentric anomaly: the closed form below is that of the ellipse. NaN is refused too.
         if not (mu > 0.0 and energy < 0.0):
             raise ValueError("the orbit is not closed")
         self.semi_major_axis_m = -0.5 * mu / energy
@@ -251,14 +259,18 @@ cdef class KeplerOrbit:
         cdef double F, G, Ft, Gt
         cdef int i
         for i in range(30):
+            # 1 - cos x as 2 sin^2 (x / 2): near x = 0 the difference would lose half of the digits.
             s, h = sin(x), sin(0.5 * x)
             versine = 2.0 * h * h
             change = (x - self.c * s + self.d * versine - M) / (1.0 - self.c * (1.0 - versine) + self.d * s)
             x -= change
+            # The anomaly grows with time, and its rounding with it.
             if fabs(change) <= _NEWTON * (1.0 + fabs(x)):
                 break
         s, h = sin(x), sin(0.5 * x)
         versine = 2.0 * h * h
+        # Lagrange's coefficients: the orbit is the combination of its position and velocity at t = 0, in its own plane for
+        # ever.
         F = 1.0 - a / self.radius * versine
         G = ((1.0 - self.c) * s + self.d * versine) / n
         r = a * (1.0 - self.c * (1.0 - versine) + self.d * s)
@@ -325,6 +337,7 @@ cdef class OrbitalField(CompiledField):
     cdef int find(self, double time_s) except -1:
         """Find the position of the origin, and what else is the same for all bodies."""
         cdef double square
+        # Stages of a step share their times, and every body has the same origin: Kepler's equation is solved once for them.
         if time_s == self.last_s:
             return 0
         if self.orbit is not None:
@@ -335,6 +348,7 @@ cdef class OrbitalField(CompiledField):
         self.distance, self.inverse_square = sqrt(square), 1.0 / square
         self.rate, self.last_s = self.mu * self.inverse_square / self.distance, time_s
         if self.oblateness != 0.0:
+            # The origin falls under J2 too: only the difference to its acceleration acts in the scene.
             self.oblate(self.R, self.at_origin)
         return 0
 
@@ -348,6 +362,8 @@ cdef class OrbitalField(CompiledField):
     cdef double tide(self, const double* r, double* a) noexcept:
         """Write the acceleration at a position from the origin; returns the distance from the central body over R."""
         cdef double q = self.excess(r), w = sqrt(1.0 + q), s = (1.0 + q) * w
+        # 1 - (R / p)^3 without the difference: at 1 m in 7000 km q is 3e-7, and a direct form would lose seven digits
+        # (Battin, sec. 8.4).
         cdef double factor = q * (3.0 + q * (3.0 + q)) / (s * (1.0 + s))
         cdef double[3] p, there
         cdef int i
@@ -391,6 +407,7 @@ cdef class OrbitalField(CompiledField):
         cdef double w, inverse, dId, trace, gradient, along_d
         self.find(time_s)
         for k in range(bodies.count):
+            # A body without mass has no inertia either: nothing acts on it.
             if bodies.mass[k] == 0.0:
                 continue
             r, E, J = &bodies.position[k, 0], &bodies.turn[k, 0], &bodies.inertia[k, 0]
@@ -411,6 +428,8 @@ cdef class OrbitalField(CompiledField):
             t[1] += gradient * (d[2] * Id[0] - d[0] * Id[2])
             t[2] += gradient * (d[0] * Id[1] - d[1] * Id[0])
             for i in range(3):
+                # The last term is the reaction to the gradient on an extended body: with it the torque has a potential, and
+                # energy a balance.
                 f[i] += bodies.mass[k] * a[i] - 0.5 * gradient * inverse * ((trace - 5.0 * dId) * d[i] + 2.0 * Id[i])
         return 0
 
@@ -433,6 +452,8 @@ cdef class OrbitalField(CompiledField):
                 dId, trace = dId + bodies.inertia[k, i] * along * along, trace + bodies.inertia[k, i]
             total += bodies.mass[k] * self.rate * (
                 0.5 * (r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
+                # The potential less its value and slope at the origin, in a form in which these do not cancel: only the tide
+                # is left.
                 - q * q * (2.0 + w) / (2.0 * w * (1.0 + w) * (1.0 + w)) / self.inverse_square
             )
             total += 0.5 * self.rate / (w * w * w) * (3.0 * dId - trace)

@@ -60,6 +60,7 @@ cdef class ActiveForces:
         cdef Py_ssize_t n = len(structure.rows), m = len(structure.slides)
         cdef double* start
         self.structure, self.kept, self.count = structure, kept, structure.count
+        # One block for all work space: stages of a step take it again and again, and must not allocate.
         self.rows, self.slides, self.columns, self.mu = structure.rows, structure.slides, structure.columns, structure.mu
         self.active = n
         size = 4 * n * n + 3 * n + 2 * m + 1
@@ -122,6 +123,7 @@ cdef class ActiveForces:
         cdef Py_ssize_t j, n = self.active
         # Of the symmetric matrix without friction: which rows depend on each other is a matter of the Jacobian alone.
         self.rank = pivots(self.work, n, _RANK, self.order)
+        # Dependent rows, as of four corners of a box: forces are sought in their range, which gives those of least norm.
         if self.rank < n:
             for j in range(self.rank):
                 memcpy(self.basis + j * n, self.square + self.order[j] * n, n * sizeof(double))  # symmetric
@@ -149,6 +151,7 @@ cdef class ActiveForces:
         """Whether the held rows decide how each of some other rows moves, as it depends on them, (m,)."""
         U, square = self.independent()
         along = rows @ U
+        # What the held rows leave of its inverse mass: nothing, if they decide; RANK is the share to which rows are known.
         return np.sum(along.T * solved(square, along.T), axis=0) >= (1.0 - RANK) * inverse_masses
 
     def is_regular(self, slips):
@@ -162,10 +165,12 @@ cdef class ActiveForces:
         cdef bint positive = True
         cdef double pivot
         self.factor()
+        # A determinant of zero has no sign: the directions of slip are at Painleve's limit.
         if not self.factored:
             return False
         for j in range(self.rank):
             pivot = self.work[j * (self.rank + 1)]
+            # Zero or NaN: no sign.
             if not (pivot > 0.0 or pivot < 0.0):
                 return False
             # The sign of the determinant: that of the pivots, and one change for each exchange of rows.
@@ -197,6 +202,7 @@ cdef class ActiveForces:
             forces[self.rows[i]] += self.right[i]
         for c in range(self.slides.shape[0]):
             p, i = self.slides[c], self.columns[c]
+            # A sliding point has no row of its own for friction: that follows the normal force.
             forces[3 * p + 1] += self.friction[2 * c] * self.right[i]
             forces[3 * p + 2] += self.friction[2 * c + 1] * self.right[i]
 
@@ -279,6 +285,8 @@ cdef class ActiveForces:
         """Components of forces, large where the system is singular, as at the limit of Painleve's paradox."""
         self.project()
         self.reduce()
+        # At the limit itself there is no inverse. Least squares give forces that are finite, and the choice of modes judges
+        # them.
         system = self.matrix(self.work, self.rank, self.rank)
         for j, value in enumerate(np.linalg.lstsq(system, self.matrix(self.inner, self.rank, 1)[:, 0], rcond=EPSILON)[0]):
             self.inner[<Py_ssize_t>j] = value
@@ -307,8 +315,11 @@ cdef class StuckPatches:
         for i, group in enumerate(evaluator.groups):
             self.groups_of_pairs[group.pair].append(i)
             self.counts[group.pair] += group.count
+            # Without friction a point is held along its normal alone, not in three directions; points of other features are
+            # not in memory.
             self.possible = self.possible and group.on_face is not None and group.rubs
         for q in range(self.pairs):
+            # Two points leave the rotation about their line free: five of the six rows of the twist are held.
             self.possible = self.possible and self.counts[q] != 2
             self.starts[q + 1] = self.starts[q] + (3 if self.counts[q] == 1 else 6)
         self.reduced, n = self.starts[self.pairs], self.starts[self.pairs]
@@ -339,6 +350,7 @@ cdef class StuckPatches:
                 self.reduce_point(q, memory.wrenches + 18 * (<Group>self.evaluator.groups[self.groups_of_pairs[q][0]]).start)
             else:
                 self.find_frame(q, states)
+                # Points that are almost on a line hold the rotation about it so weakly that W^T W loses its digits.
                 if not self.factor_normal(q, memory):
                     return False
                 self.reduce_patch(q)
@@ -351,6 +363,8 @@ cdef class StuckPatches:
                 self.A[i * n + j] = self.A[j * n + i] = total
         memcpy(self.factor, self.A, n * n * sizeof(double))
         self.is_regular = cholesky(self.factor, n, _RANK)
+        # A planar mechanism cannot move out of its plane: some of the six rows are zero there, and the Cholesky factor does
+        # not exist.
         if not self.is_regular:
             self.hold()
         return True
@@ -408,6 +422,8 @@ cdef class StuckPatches:
             for p in range(state.count):
                 point = state.point(p)
                 for i in range(3):
+                    # From the centre of the body, not from the origin of the world: far from that, differences of positions
+                    # would lose digits.
                     frame[i] += (point[i] - state.centre()[i]) / self.counts[q]
         for g in self.groups_of_pairs[q]:
             state = states[g]
@@ -429,6 +445,7 @@ cdef class StuckPatches:
             source = (&self.evaluator.jacobian[6 * q, 0] if side == 0 else &self.evaluator.responses[6 * q, 0])
             row = (self.J if side == 0 else self.response) + at
             for d in range(nv):
+                # Rotations times the mean distance are velocities, as the other three rows are: one unit for all six.
                 row[d], row[nv + d], row[2 * nv + d] = c[3] * source[d], c[3] * source[nv + d], c[3] * source[2 * nv + d]
                 row[3 * nv + d] = source[3 * nv + d] + source[nv + d] * c[2] - source[2 * nv + d] * c[1]
                 row[4 * nv + d] = source[4 * nv + d] + source[2 * nv + d] * c[0] - source[d] * c[2]
@@ -463,6 +480,7 @@ cdef class StuckPatches:
         cdef Py_ssize_t i
         cdef int j, l
         cdef Group group
+        # All points at one place have no distance to scale by.
         if not c[3] > 0.0:
             return False
         memset(N, 0, 36 * sizeof(double))
@@ -503,6 +521,7 @@ cdef class StuckPatches:
                 for i in range(3 * group.start, 3 * (group.start + group.count)):
                     for j in range(6):
                         part[j] += self.shifted[6 * i + j] * memory.gamma[i]
+            # Rates of the points along L^-1 W^T: the same basis as that of the reduced rows.
             forward(self.N + 36 * q, part, 6)
             for j in range(6):
                 self.right[self.starts[q] + j] += part[j]
@@ -517,6 +536,7 @@ cdef class StuckPatches:
         for q in range(self.pairs):
             memcpy(part, self.forces + self.starts[q], (self.starts[q + 1] - self.starts[q]) * sizeof(double))
             if self.counts[q] > 1:
+                # W L^-T y: of all forces with this wrench those of least norm, as the general solution gives them.
                 backward(self.N + 36 * q, part, 6)
             for g in self.groups_of_pairs[q]:
                 group = self.evaluator.groups[g]

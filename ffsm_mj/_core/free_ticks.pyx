@@ -116,8 +116,10 @@ cdef class FreeTicks:
         cdef double now, started, period_s = self.step_s * self.steps_per_tick
         while self.ticks < ticks and self.line + 1 < lines and self.excludes_events(stepper, event_bound):
             now, started = self.ticks * period_s, monotonic()
+            # From here on the loop has to decide: a phase may end, or the log is to be written to disk.
             if now >= until_s or started >= clock:
                 return
+            # The core does not return to Python for many ticks: without this an interrupt would wait for them.
             PyErr_CheckSignals()
             if tick_law is None:
                 self.ticks += 1
@@ -142,6 +144,7 @@ cdef class FreeTicks:
         """Fill a row, and look for contacts that nothing handles."""
         self.rows.fill(self.line, time_s)
         self.line += 1
+        # Bodies without a contact rule pass through each other: MuJoCo's detection finds such overlaps, which are reported.
         if self.watched != NULL:
             mj.collision(self.watched, self.d)
             if self.overlaps or self.data.ncon:
@@ -154,11 +157,13 @@ cdef class FreeTicks:
 
     cdef bint excludes_events(self, FreeStepper stepper, double event_bound) except -1:
         """Whether the motion so far excludes every event but those of the applied forces."""
+        # No gap can have closed with all the kinetic energy: nothing has to be computed.
         if stepper.motion_bound < event_bound:
             return True
         if not self.travels or not stepper.motion_bound < self.bound_within:
             return False
         for travel in self.travels:
+            # Written so that NaN is not within reach.
             if not (<Travel>travel).length < (<Travel>travel).reach:
                 return False
         return True
@@ -179,6 +184,7 @@ cdef class FreeTicks:
         for i in range(self.steps_per_tick):
             if interrupted is not None:
                 interrupted()
+            # Before the step: an event may be due at its start, or the forces are about to change.
             if not self.excludes_events(stepper, event_bound) or (forces is not None and not forces.goes_on(self.step_s)):
                 return False
             self.work.open()
@@ -196,6 +202,7 @@ cdef class FreeTicks:
                 or (law is not None and i + 1 == self.steps_per_tick and not law.arrives())
                 or (forces is not None and not forces.exchange_into(self.step_s, exchange))
             ):
+                # The step is made, but something in it is for the loop: it completes or repeats it.
                 self.has_stepped = True
                 return False
             self.work.close(self.step_s)

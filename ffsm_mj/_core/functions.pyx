@@ -27,10 +27,12 @@ def _library():
         ImportError: Its minor version differs from that of the header at compile time, or the file does not exist.
     """
     version = mujoco.__version__
+    # Structs change between minor versions: fields would be read at the places of others.
     if _minor(mujoco.mj_version()) != _minor(mjVERSION_HEADER):
         raise ImportError(f"built for MuJoCo {_minor(mjVERSION_HEADER)}, not {version}")
     names = {"win32": "mujoco.dll", "darwin": f"libmujoco.{version}.dylib"}
     path = Path(mujoco.__file__).parent / names.get(sys.platform, f"libmujoco.so.{version}")
+    # Loading by name alone could find another library than the one whose structs Python holds.
     if not path.is_file():
         raise ImportError(f"there is no {path}")
     return ctypes.CDLL(str(path))

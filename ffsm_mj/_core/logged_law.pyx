@@ -66,6 +66,8 @@ cdef class LoggedLaw(TickLaw):
         memcpy(predicted, &self.qpos[0], nq * sizeof(double))
         memcpy(predicted + nq, &self.qvel[0], nv * sizeof(double))
         for i in range(nq + nv):
+            # Bit by bit: a row that differs in the last place is set to the logged state, which the loop enters in the
+            # balance.
             if predicted[i] != self.states[self.line, i]:
                 return False
         return True

@@ -39,9 +39,12 @@ cdef class Latch:
         self.together = model.body_rootid[self.first] == model.body_rootid[self.second]
         self.about_axis = not latch.stopped[:, 5].any() and latch.stopped[:, 3].any()
         self.on_first, self.on_second = first, second = chain(model, self.first), chain(model, self.second)
+        # A degree of freedom that carries both bodies changes no relative motion: its elements cancel exactly, and are left
+        # zero.
         moves = (first != second) | ((second != 0.0) & (not self.together))
         self.of_first, self.of_second, self.dofs = (np.flatnonzero(flags) for flags in (first, second, moves))
         self.point_in_first, self.point_in_second = latch.point_in_first.copy(), latch.point_in_second.copy()
+        # A length makes velocities of rotations, so that one share decides on the rank of both.
         stopped = np.concatenate((latch.stopped[:, :3], LENGTH_M * latch.stopped[:, 3:]))
         self.components = np.ascontiguousarray(stopped @ latch.axes_in_first.T)
         self.axes_in_first, self.axes_in_second = (
@@ -78,12 +81,15 @@ cdef class JointRow:
         if self.leader >= 0:
             z, rate = self.qpos[self.leader_at] - self.leader_zero, self.qvel[self.leader]
             row[self.leader] = -(a[1] + z * (2.0 * a[2] + z * (3.0 * a[3] + z * 4.0 * a[4])))
+            # Second derivative of the polynomial times the squared rate: without it the coupling drifts with the square of
+            # the speed.
             gamma[0] = -(2.0 * a[2] + z * (6.0 * a[3] + z * 12.0 * a[4])) * rate * rate
 
     cdef double error(self) noexcept:
         cdef double z = self.qpos[self.leader_at] - self.leader_zero if self.leader >= 0 else 0.0
         cdef double* a = self.a
         cdef double value
+        # A coordinate that friction keeps at rest has no place to go back to: only its rate is zero.
         if self.follower_at < 0:
             return 0.0
         value = self.follower_zero + a[0] + z * (a[1] + z * (a[2] + z * (a[3] + z * a[4])))
@@ -268,6 +274,7 @@ cdef class LoopStage:
         for i in range(columns):
             row[self.columns[i]] = 0.0
         for k in range(self.n):
+            # Combinations of independent rows are mostly these rows themselves.
             if share[k] != 0.0:
                 source_row = &self.rows[k, 0]
                 for i in range(columns):
@@ -290,6 +297,7 @@ cdef class LoopStage:
             for j in range(i + 1):
                 total = self.product(&self.response_view[i, 0], &self.R_view[j, 0])
                 for k in range(j):
+                    # Row by row, without LAPACK: loops have a few rows, and the call would cost more.
                     total -= self.factor_view[i, k] * self.factor_view[j, k]
                 if i > j:
                     self.factor_view[i, j] = total / self.factor_view[j, j]
@@ -297,6 +305,7 @@ cdef class LoopStage:
                 elif total > 0.0:
                     self.factor_view[i, i] = sqrt(total)
                 else:
+                    # Going on would divide by rounding: forces of any size.
                     raise np.linalg.LinAlgError("rows of closed loops depend on each other within a step")
         return 0
 
@@ -306,6 +315,8 @@ cdef class LoopStage:
         cdef double total, most = 0.0, left = 0.0
         self.evaluate()
         for i in range(self.r):
+            # The combinations were chosen orthonormal in M^-1: pivots far from 1 say that they no longer are, and lose
+            # digits.
             if self.factor_view[i, i] < LEAST_PIVOT or self.factor_view[i, i] > LARGEST_PIVOT:
                 return False
         for j in range(self.columns.shape[0]):
@@ -317,6 +328,7 @@ cdef class LoopStage:
                 for k in range(self.n):
                     total += self.others[i, k] * self.rows[k, column]
                 left = max(left, fabs(total))
+        # A combination that no longer vanishes is one more row to hold: left out, the loop would open along it.
         return left <= self.vanishes * most
 
     cpdef int begin(self) except -1:
@@ -334,6 +346,7 @@ cdef class LoopStage:
         """
         cdef Py_ssize_t i, j, k, best
         cdef double total, sign = 1.0
+        # Rows have been chosen anew since: there is no start to compare with.
         if not self.begun:
             return False
         self.evaluate()
@@ -350,6 +363,7 @@ cdef class LoopStage:
                 for j in range(self.r):
                     total = self.turn[i, j]
                     self.turn[i, j], self.turn[best, j] = self.turn[best, j], total
+            # A determinant of exactly zero has lost rank too.
             if self.turn[i, i] == 0.0:
                 return True
             if self.turn[i, i] < 0.0:
@@ -358,6 +372,7 @@ cdef class LoopStage:
                 total = self.turn[k, i] / self.turn[i, i]
                 for j in range(i, self.r):
                     self.turn[k, j] -= total * self.turn[i, j]
+        # A product over all pivots is not needed, only its sign, which cannot overflow.
         return sign < 0.0
 
     def errors(self):
@@ -400,11 +415,13 @@ cdef class LoopStage:
             for c in range(3):
                 offset[c] = place[c] - self.xpos[latch.first, c] - offset[c]
                 rotation[c] = 0.0
+            # A rotation about the axis is free, so only the axes themselves are compared; else all three directions are.
             for k in range(2 if latch.about_axis else 0, 3):
                 turned(&self.xmat[latch.first, 0], &latch.axes_in_first[k, 0], one)
                 turned(&self.xmat[latch.second, 0], &latch.axes_in_second[k, 0], other)
                 cross(one, other, part)
                 for c in range(3):
+                    # The sum of e_i x e_i' over three axes is twice the sine of a small rotation.
                     rotation[c] += part[c] if latch.about_axis else 0.5 * part[c]
             for i in range(n):
                 turned(&self.xmat[latch.first, 0], &latch.components[i, 0], row)
@@ -478,6 +495,7 @@ cdef class LoopStage:
                     for c in range(3):
                         wrench[c] += force * latch.components[i, c]
                         wrench[3 + c] += force * latch.components[latch.count + i, c]
+                # A ``connect`` logs its force only, a ``weld`` its torque too.
                 for i in range(0, counts[which], 3):
                     turned(&self.xmat[latch.first, 0], wrench + i, loads + at + i)
             else:
@@ -489,6 +507,7 @@ cdef class LoopStage:
         cdef Py_ssize_t i, j
         for i in range(self.r):
             for j in range(self.columns.shape[0]):
+                # Only degrees of freedom that some row moves get a force: zeros elsewhere stay exact.
                 generalised[self.columns[j]] += self.y_view[i] * self.R_view[i, self.columns[j]]
 
     def generalised(self, force):
@@ -503,8 +522,10 @@ cdef class LoopStage:
     cpdef int push(self) except -1:
         """Add the generalised forces of the rows to ``data.qfrc_applied``."""
         cdef Py_ssize_t i
+        # With a grasped object the efforts are written for the logged system: this model has controls of its own.
         if self.data is not self.seen:
             self.ctrl[:] = self.seen_ctrl
+        # Rows answer to all forces, those of the present efforts included; the last evaluation may be of other ones.
         mj.fwdActuation(self.m, self.d)
         for i in range(self.nv):
             self.force[i] = self.passive[i] - self.bias[i] + self.actuator[i] + self.applied[i]

@@ -28,16 +28,20 @@ cdef class SteadyLoops(SteadyForces):
         """Begin a step, if no other combinations are due and nothing is to be projected out; returns whether it has."""
         cdef double gap, rate
         try:
+            # Other combinations of the rows are due: choosing them takes a singular value decomposition, in Python.
             if not self.rows.fits():
                 return False
+        # Rows that lost rank end the run (singular_mechanism): that is for the loop to report.
         except np.linalg.LinAlgError:
             return False
         self.rows.begin()
         self.rows.find_drift(&gap, &rate)
+        # Drift beyond this is projected out, which changes the state, and is entered in the balance.
         return gap <= GAP_M and rate <= RATE_M_S
 
     cdef bint exchange_into(self, double duration_s, double* sums) except -1:
         memset(sums, 0, 21 * sizeof(double))
+        # Rows within one subsystem exchange nothing. A singular configuration passed within the step is for the loop.
         return not self.rows.turns_over()
 
 

@@ -40,6 +40,7 @@ cdef class TipKinematics:
         """Compute all quantities at the current state; derived quantities in ``data`` must be current."""
         cdef Py_ssize_t k, j
         mj.jacSite(self.m, self.d, &self.jacp[0, 0], NULL, self.site)
+        # Acceleration of the output is J qddot + dJ/dt qdot: without the second term the drift lacks the centripetal part.
         mj.jacDot(self.m, self.d, &self.dot[0, 0], NULL, &self.place[0], self.body)
         for k in range(self.rows.shape[0]):
             for j in range(self.rows.shape[1]):
@@ -66,6 +67,7 @@ cpdef blocks_t lower_block(pair_t drift, pair_t y, pair_t y_dot, bint whole_stac
     """
     y0, y1 = y[0] if whole_stack else 0.0, y[1] if whole_stack else 0.0
     v0, v1 = y_dot
+    # Any row r with r z = 1 factorises the drift as (d r) z; the pseudoinverse is the shortest of them.
     square = v0 * v0 + v1 * v1 + y0 * y0 + y1 * y1
     scale = 1.0 / square if square > 0.0 else 0.0
     d0, d1 = drift[0] * scale, drift[1] * scale
@@ -119,6 +121,7 @@ cdef void make_orthogonal(double[:, ::1] rows) noexcept:
     cdef double a, b, c, t, tangent, cosine, sine
     cdef bint turned = True
     for _ in range(SWEEPS):
+        # No pair of rows was rotated in a whole sweep: all are orthogonal to rounding.
         if not turned:
             return
         turned = False
@@ -129,10 +132,14 @@ cdef void make_orthogonal(double[:, ::1] rows) noexcept:
                     a += rows[i, k] * rows[i, k]
                     b += rows[j, k] * rows[j, k]
                     c += rows[i, k] * rows[j, k]
+                # Relative to both rows: small singular values come out as accurate as large ones, which eigenvalues of the
+                # product are not.
                 if not fabs(c) > ORTHOGONAL * sqrt(a * b):
                     continue
                 turned = True
                 t = (b - a) / (2.0 * c)
+                # The smaller of both roots: rotations by at most 45 degrees converge (Golub & Van Loan, *Matrix
+                # Computations*).
                 tangent = (1.0 if t >= 0.0 else -1.0) / (fabs(t) + sqrt(1.0 + t * t))
                 cosine = 1.0 / sqrt(1.0 + tangent * tangent)
                 sine = cosine * tangent
@@ -202,6 +209,7 @@ cdef class OutputLaw:
     cdef int push(self) except -1:
         """Evaluate the forces of external fields at the current state."""
         if self.field is not None:
+            # Forces of the field belong to the state of the last tick; they are added up anew.
             self.pushed[:] = 0.0
             self.field.evaluate(self.data)
             self.field.generalise(&self.pushed[0])
@@ -223,6 +231,8 @@ cdef class OutputLaw:
                 for k in range(n):
                     felt += self.rows[i, k] * self.damped[0, k]
                 for k in range(n):
+                    # What is left is orthogonal to the rows of alpha M_c^-1: a torque that accelerates no output
+                    # (docs/derivations.md).
                     self.damped[1, k] -= self.rows[i, k] * felt
             for k in range(n):
                 self.u[k] -= self.damped[1, k]
@@ -246,6 +256,7 @@ cdef class OutputLaw:
             smallest, greatest = min(smallest, self.lengths[i]), max(greatest, self.lengths[i])
         for i in range(p):
             for k in range(n):
+                # A row of rounding has a random direction; in a basis it would take damping away along it.
                 self.rows[i, k] = self.rows[i, k] / self.lengths[i] if self.lengths[i] > NO_MOTION * greatest else 0.0
         return smallest
 
@@ -294,11 +305,14 @@ cdef class PlanarLaw(OutputLaw):
             b1 += self.gains[i, 0] * self.gains[i, 1]
             b3 += self.gains[i, 1] * self.gains[i, 1]
         for j in range(self.qvel.shape[0]):
+            # Springs, dampers and external fields accelerate the output without torques of the law: they are part of the
+            # drift.
             force = self.bias[j] - self.passive[j] - self.pushed[j]
             v0 += tip.rows[0, j] * self.qvel[j]
             v1 += tip.rows[1, j] * self.qvel[j]
             d0 += tip.dot[self.first, j] * self.qvel[j] - tip.w[0, j] * force
             d1 += tip.dot[self.second, j] * self.qvel[j] - tip.w[1, j] * force
+        # Along these axes nothing cancels in the equation, however near the pose is to a singular one (riccati_planar.pyx).
         values, axes = principal_axes(s0, s1, s3)
         smallest = principal_axes(b0, b1, b3)[0][1]
         y0, y1 = tip.place[self.first], tip.place[self.second]
@@ -309,6 +323,7 @@ cdef class PlanarLaw(OutputLaw):
         for i in range(n):
             self.u[i] = self.gains[n + i, 0] * w[0] + self.gains[n + i, 1] * w[1]
         self.figures[0], self.figures[1] = hypot(error[0], error[1]), residual
+        # B B^T has the squares of the singular values; rounding may leave the smaller one below zero.
         self.figures[2], self.figures[3] = fallback, sqrt(smallest if smallest > 0.0 else 0.0)
         if self.damping > 0.0:
             self.decompose()
@@ -343,6 +358,8 @@ cdef class BlockLaw(OutputLaw):
         square = self.reduce()
         for i in range(p):
             for j in range(p):
+                # Paper (30) factorises the drift along the velocity alone; with the whole stack the printed figures come out
+                # (docs/derivations.md).
                 riccati.A[p + i, j] = self.drift[i] * self.y[j] if self.whole_stack else 0.0
                 riccati.A[p + i, p + j] = self.drift[i] * self.y_dot[j]
                 riccati.S[p + i, p + j] = 0.0
@@ -381,6 +398,7 @@ cdef class BlockLaw(OutputLaw):
             square += self.y_dot[i] * self.y_dot[i]
             if self.whole_stack:
                 square += self.y[i] * self.y[i]
+        # At z = 0 the pseudoinverse is zero, and so is the drift that it distributes.
         if square > 0.0:
             for i in range(p):
                 self.drift[i] /= square
@@ -418,9 +436,12 @@ cdef class CommandingLaw(TickLaw):
             self.before()
         try:
             self.law.tick()
+        # Without a stabilising solution there is no command. The loop evaluates the law again, and reports it with time and
+        # phase.
         except RiccatiError:
             return False
         for i in range(self.effort.shape[0]):
+            # The law commands the whole robot: what it does not drive must not keep an effort of another phase.
             self.effort[i], self.powered[i] = 0.0, False
         for i in range(self.actuators.shape[0]):
             self.effort[self.actuators[i]], self.powered[self.actuators[i]] = self.law.u[i], True

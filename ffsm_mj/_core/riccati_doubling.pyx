@@ -84,6 +84,7 @@ cdef bint eliminate(double* a, Py_ssize_t n, Py_ssize_t wide) noexcept nogil:
             if fabs(a[wide * i + k]) > fabs(a[wide * best + k]):
                 best = i
         pivot, row = a + wide * k, a + wide * best
+        # Zero or NaN: A minus the shift is singular, and another shift is tried.
         if not fabs(row[k]) > 0.0:
             return False
         if best != k:
@@ -149,10 +150,14 @@ cdef class Doubling:
         for i in range(p, self.n):
             for j in range(p, self.n):
                 square += self.S[i, j] * self.S[i, j]
+        # gamma = (|S| |Q|)^(1/4), here of squared norms: the magnitude of the poles of a double integrator
+        # (docs/derivations.md).
         shift = pow(square * self.size, 0.125)
         self.doublings = self.corrections = 0
         for factor in SHIFTS:
             residual = self.corrected(factor * shift)
+            # Above the accepted residual rounding hides the equation (S almost singular): the eigenvalues of the closed loop
+            # decide then.
             if residual <= _ACCEPTED_RESIDUAL or (residual <= TOLERATED_RESIDUAL and self.stabilises()):
                 return residual
         raise RiccatiError("the Riccati equation has no stabilising solution here")
@@ -163,6 +168,7 @@ cdef class Doubling:
         if not self.doubled(shift):
             return INFINITY
         residual = self.defect()
+        # Doubling from a shift far from the poles loses digits; a Newton step from a near solution squares what is left.
         while residual > _ACCEPTED_RESIDUAL and self.corrections < CORRECTIONS:
             self.best[:] = self.K
             # A correction that does not help has met rounding; the last one that did is kept.
@@ -215,6 +221,7 @@ cdef class Doubling:
                 memcpy(wide + 3 * n * i, T + n * i, n * sizeof(double))
                 memcpy(wide + 3 * n * i + n, a + n * i, n * sizeof(double))
                 memcpy(wide + 3 * n * i + 2 * n, G + n * i, n * sizeof(double))
+                # G and H are positive semidefinite, so G H has no negative eigenvalue and I + G H is regular.
                 wide[3 * n * i + i] += 1.0
             if not eliminate(wide, n, 3 * n):
                 return False
@@ -224,11 +231,15 @@ cdef class Doubling:
             size = 0.0
             for i in range(count):
                 size += new[i] * new[i]
+            # a is the Cayley transform of the closed loop to the power 2^k: it vanishes only if that is stable, so this
+            # proves the solution.
             if size <= VANISHED:
                 for i in range(n):
                     for j in range(n):
+                        # H is symmetric but for rounding, which the feedback must not see.
                         self.K[i, j] = 0.5 * (H[n * i + j] + H[n * j + i])
                 return True
+            # An unstable closed loop makes a grow; NaN ends here too.
             if not size < INFINITY:
                 return False
             product(a, wide + 2 * n, 3 * n, T, n)
@@ -268,6 +279,7 @@ cdef class Doubling:
             size = 0.0
             for i in range(count):
                 size += a[i] * a[i]
+            # The correction is small: it needs few digits, so the doubling may end early.
             if not size > NEARLY_VANISHED:
                 break
         for i in range(n):
@@ -286,6 +298,7 @@ cdef class Doubling:
         for i in range(n):
             for j in range(n):
                 rest[n * i + j] = linear[n * i + j] + linear[n * j + i] + self.Q[i, j] - quadratic[n * i + j]
+        # Over the largest term, as the terms cancel in a solution.
         scale = max(self.largest, greatest(linear, count), greatest(quadratic, count))
         return greatest(rest, count) / scale
 

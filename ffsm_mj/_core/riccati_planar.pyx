@@ -81,6 +81,8 @@ cdef class PlanarRiccati:
         Q = self._weight
         if not self._isotropic:
             Q = (turned(Q[0], axes), turned(Q[1], axes), turned(Q[2], axes))
+        # The extrapolation of the last three solutions errs by the third power of the tick: Newton's method converges from
+        # there at once (docs/performance.md).
         if self._warm:
             blocks, left = _attempt(A21, A22, S, Q, extrapolated(self._first, self._second, self._third))
             if left <= _ACCEPTED_RESIDUAL:
@@ -88,6 +90,7 @@ cdef class PlanarRiccati:
                 return blocks, left, False
         rough, rough_left = self._robust(A21, A22, S, Q)
         blocks, left = _attempt(A21, A22, S, Q, rough)
+        # The robust method may have met an equation at which a Newton step is not defined: its own result is better then.
         if not left <= rough_left:
             blocks, left = rough, rough_left
         self._first = self._second = self._third = blocks
@@ -108,10 +111,12 @@ cpdef (pair_t, pair_t) principal_axes(double s0, double s1, double s3):
     """Eigenvalues of [[s0, s1], [s1, s3]], the larger one first, and (cosine, sine) of the angle to its axis."""
     mean, difference = 0.5 * (s0 + s3), 0.5 * (s0 - s3)
     radius = math.sqrt(difference * difference + s1 * s1)
+    # Both eigenvalues are equal: any axes are principal.
     if radius == 0.0:
         return (s0, s3), (1.0, 0.0)
     largest = mean + radius
     double_cosine, double_sine = difference / radius, s1 / radius
+    # Of the half angle the larger of sine and cosine is taken from a root, which cancels for the other.
     if double_cosine >= 0.0:
         cosine = math.sqrt(0.5 * (1.0 + double_cosine))
         sine = 0.5 * double_sine / cosine
@@ -160,6 +165,7 @@ cpdef (blocks_t, double) newton(matrix_t A21, matrix_t A22, pair_t S, weight_t Q
         if near:
             break
     F, G = _closed(A21, A22, S, P2, P3)
+    # Newton's method may converge to a solution that does not stabilise; only one does, so the test decides.
     if not (near and _stable(F, G)):
         return (P2, P3), math.inf
     rest, left = _defect(A21, A22, S, Q, P2, P3)

@@ -78,6 +78,7 @@ cdef class RowMemory:
                 forces, row = forces + 1, row + 6
             for j in range(3):
                 out[j] = wrench[3 + j]
+            # From the centre of the body to the origin of the world, about which the momenta of the balance are.
             out[3] = wrench[0] + centre[1] * wrench[5] - centre[2] * wrench[4]
             out[4] = wrench[1] + centre[2] * wrench[3] - centre[0] * wrench[5]
             out[5] = wrench[2] + centre[0] * wrench[4] - centre[1] * wrench[3]
@@ -138,6 +139,7 @@ cdef class RowMemory:
     cdef double velocity(self, Py_ssize_t i) noexcept:
         """Velocity along a row, m/s."""
         cdef Py_ssize_t d
+        # The velocity of a row is that of its own state: the evaluator may have moved on since.
         cdef const double* J = self.J + i * self.nv
         cdef double total = 0.0
         for d in range(self.nv):
@@ -215,11 +217,13 @@ cdef int write_rounding(list groups, RowMemory memory, const double* force, doub
     cdef const double* response
     cdef const double[:, ::1] unclosed
     cdef double most
+    # What loops take out of a row cancels in it: terms before that subtraction are those whose rounding counts.
     if memory.unclosed is not None and memory.rows and nv:
         unclosed = memory.unclosed
         responses = &unclosed[0, 0]
     write_scales(groups, out)
     for p in range(memory.points):
+        # Terms of the curvature may be larger than gamma, in which they cancel: its rounding is that of the largest one.
         most = out[p]
         for j in range(3 * p, 3 * p + (3 if memory.rubs[p] else 1)):
             most, response = max(most, fabs(memory.gamma[j])), responses + j * nv
@@ -286,6 +290,8 @@ cdef object resultant_of(list groups, part, const double[:] forces, friction):
                 sums[0, i] += across[p, i]
     length = sqrt(sums[2, 0] * sums[2, 0] + sums[2, 1] * sums[2, 1] + sums[2, 2] * sums[2, 2])
     for i in range(3):
+        # Normals of several points over a round side differ. A single one is a unit vector already, and a division would
+        # round it.
         sums[2, i] /= length if length > 0.0 and stop - start > 1 else 1.0
     return vectors[0], vectors[1], vectors[2]
 
@@ -347,6 +353,8 @@ cdef class RowEvaluator:
         self.k, self.nv, self.groups = len(contact_points), model.nv, []
         bodies, pairs, runs = {}, {}, point_runs(contact_points)
         groups_of_pairs = Counter(contact_points[places.start].pair for places in runs)
+        # Three points of a flat patch hold both bodies parallel: with one normal for all, second rates are affine in the
+        # place (contact_points.py).
         patches = {pair for pair in flat if groups_of_pairs[pair] > 1}
         for places in runs:
             alike, pair, group = contact_points[places], contact_points[places.start].pair, Group()
@@ -357,6 +365,7 @@ cdef class RowEvaluator:
             else:
                 group.other = SinglePoint(features[0], in_patch=in_patch)
             group.start, group.count, group.rubs = places.start, len(alike), pair.mu > 0.0
+            # The row of a joint is constant; that of a tendon changes with the state, and is written anew.
             group.is_limit = isinstance(pair, JointLimit) and not pair.moves
             group.b, group.a = (bodies.setdefault(body, len(bodies)) for body in both)
             group.pair = pairs.setdefault((group.b, group.a), len(pairs))
@@ -377,6 +386,7 @@ cdef class RowEvaluator:
         self.limits = [(i, row) for row, i in enumerate(limits, 6 * len(pairs))]
         jacobian = np.zeros((6 * len(pairs) + len(limits) + 1, self.nv))  # one more: no array is empty
         for (_, row), limit in zip(self.limits, limits.values()):
+            # A limit acts on coordinates, not on bodies: its row does not follow from a twist.
             jacobian[row] = limit.row(motion.model, motion.data, motion.dofs)
         self.jacobian, self.responses = jacobian, np.zeros_like(jacobian)
         self.moving = [(jacobian[row], limit, motion) for (_, row), limit in zip(self.limits, limits.values()) if limit.moves]
@@ -396,6 +406,7 @@ cdef class RowEvaluator:
                 twist.alpha[i], twist.acceleration[i] = 0.0, 0.0
             for dof in range(self.nv):
                 rate = self.chains[body, dof] * self.rates[dof]
+                # Degrees of freedom that do not carry the body have no share: the chain is zero there.
                 if rate != 0.0:
                     for i in range(3):
                         twist.alpha[i] += rate * self.screw_rates[dof, i]
@@ -412,11 +423,15 @@ cdef class RowEvaluator:
         cdef double* row
         for p in range(self.pairs.shape[0]):
             for i in range(3):
+                # MuJoCo's cdof is about the centre of mass of its own tree: screws of a's tree are moved to the centre of
+                # b's.
                 offset[i] = self.twists[self.pairs[p, 0]].centre[i] - self.twists[self.pairs[p, 1]].centre[i]
             for dof in range(n):
                 one, other = self.chains[self.pairs[p, 0], dof], self.chains[self.pairs[p, 1], dof]
                 screw, row = &self.screws[dof, 0], &self.jacobian[6 * p, dof]
                 for i in range(6):
+                    # A degree of freedom that carries both bodies as one cancels exactly here, not as a difference of two
+                    # roundings.
                     row[i * n] = (one - other) * screw[i]
                 if other != 0.0:
                     row[3 * n] -= screw[1] * offset[2] - screw[2] * offset[1]
@@ -425,6 +440,7 @@ cdef class RowEvaluator:
         for line, limit, motion in self.moving:
             line[:] = limit.row(motion.model, motion.data, motion.dofs)
         if self.jacobian.shape[0] > 1:
+            # The mass matrix is solved for six rows of each pair, not for three of each point: points combine the solutions.
             mj.solveM(self.m, self.d, &self.responses[0, 0], &self.jacobian[0, 0], <int>(self.jacobian.shape[0] - 1))
         return 0
 
@@ -445,6 +461,7 @@ cdef class RowEvaluator:
                 J, answers = memory.J + i * n, memory.response + i * n
                 for j in range(6):
                     share = memory.wrenches[6 * i + j]
+                    # The three moments of a tangent or normal along an axis vanish often: rows of zeros are left out.
                     if share != 0.0:
                         twist, response = &self.jacobian[6 * group.pair + j, 0], &self.responses[6 * group.pair + j, 0]
                         for d in range(n):
@@ -479,6 +496,7 @@ cdef class RowEvaluator:
     cdef list groups_in_memory(self):
         """Points of all groups, to be evaluated state by state; None for joint limits, or if other features are among them."""
         cdef Group group
+        # Points of other features are evaluated by their own classes in Python, one by one: there is no memory to use again.
         if any([(<Group>group).on_face is None and not (<Group>group).is_limit for group in self.groups]):
             return None
         return [None if group.is_limit else group.on_face.at_state(&self.twists[group.b], &self.twists[group.a]) for group in self.groups]
@@ -498,6 +516,7 @@ cdef class RowEvaluator:
         for group, state in zip(self.groups, states):
             if state is not None:
                 (<FaceState>state).move(&self.twists[group.b], &self.twists[group.a])
+        # Rows are added up from shares, so they begin at zero.
         memory.renew()
         return self.write_wrenches(states, memory)
 
@@ -552,6 +571,7 @@ cdef class RowEvaluator:
         p = group.start
         rows, gamma = wrenches.reshape(-1, 3, 6)[p : p + 1], gamma.reshape(-1, 3)[p : p + 1]
         axes[p, 0] = state.normals[0]
+        # Without friction the tangent rows stay zero, and loops leave them out.
         if not group.rubs:
             state.normal_rows(rows[:, 0], gamma[:, 0])
             return 0

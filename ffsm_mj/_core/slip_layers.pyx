@@ -35,12 +35,14 @@ cdef bint allows_step(ContactEvaluation evaluation, modes, double left_s, double
     cdef bint continues
     turning = []
     for p in range(evaluation.memory.points):
+        # A slip along a line cannot turn: its friction is constant in direction, and not stiff.
         if evaluation.memory.rubs[p] and not slips_along_a_line(G, m, p, &largest):
             turning.append(p)
     if not turning:
         modes.layers = None
         return True
     last, points = modes.layers, tuple([evaluation.contact_points[p] for p in turning])
+    # Efforts that jump begin a new layer: the direction that friction would settle to is another one.
     continues = last is not None and last.points == points and last.efforts == efforts
     if continues:
         deviations, damping, speeds, strengths = last.deviations, last.damping, last.speeds, last.strengths
@@ -54,13 +56,18 @@ cdef bint allows_step(ContactEvaluation evaluation, modes, double left_s, double
         k = evaluation.mu[p] * max(forces[3 * p], 0.0) * largest
         along = evaluation.slips[2 * p] * f[0] + evaluation.slips[2 * p + 1] * f[1]
         across = fabs(evaluation.slips[2 * p] * f[1] - evaluation.slips[2 * p + 1] * f[0])
+        # How far the slip is from the direction to which friction turns it, at the rate k / |u|: a fast mode that decays.
         deviation = r * min(1.0, across / max(k + fabs(along), DBL_MIN))
         layer[0, i], layer[1, i], layer[2, i], layer[3, i] = deviation, 0.0, r, k
         if continues:
             slip = max(max(r, speeds[i]), DBL_MIN)
             layer[0, i], layer[1, i] = deviations[i], damping[i] + strengths[i] * (time_s - last.time_s) / slip
+        # The deviation of the state has a floor of rounding; what is left of the one at the start of the layer falls below
+        # it.
         left = min(deviation, layer[0, i] * exp(-layer[1, i]))
         if (
+            # A layer that has not settled limits the step, a stop ahead divides it, and a stiff settled point makes it
+            # implicit (decision.py).
             not left <= _DEVIATION_M_S
             or (along < 0.0 and _DEVIATION_M_S < r < -_NEAR_STOP * left_s * along)
             or left_s * (k + hypot(f[0], f[1])) > _STIFF * r

@@ -33,6 +33,8 @@ cdef bytes copied(double[::1] values):
 cdef bint same(double[::1] values, double[::1] last) noexcept:
     """Whether values are the last ones; those become the last ones."""
     cdef size_t size = values.shape[0] * sizeof(double)
+    # Bit by bit: a comparison with a tolerance would give a state the forces of another one, and a replay other ones than
+    # the run.
     if not size or memcmp(&values[0], &last[0], size) == 0:
         return True
     memcpy(&last[0], &values[0], size)
@@ -58,6 +60,7 @@ cdef class Smooth:
     cpdef object place(self):
         """Token of the current positions and velocities: the same object while they are the same bit by bit."""
         cdef bint stays = same(self.qpos, self.last_qpos)
+        # Both are compared in any case, as the comparison keeps the present values.
         if not same(self.qvel, self.last_qvel) or not stays:
             self.last_place = copied(self.qpos)
         return self.last_place
@@ -89,6 +92,7 @@ cdef class Smooth:
         cdef Py_ssize_t i
         if self.follows:
             self.data_ctrl[:] = self.ctrl
+        # Efforts may have been decided since the last stage; all other forces are those of the state.
         mj.fwdActuation(self.m, self.d)
         for i in range(self.qvel.shape[0]):
             force[i] = self.passive[i] - self.bias[i] + self.actuator[i] + pushes[i]
@@ -129,6 +133,7 @@ cdef class StageInMemory:
             self.heats[p] = self.speeds[p] = 0.0
             if slides[p]:
                 u, v = memory.velocity(3 * p + 1), memory.velocity(3 * p + 2)
+                # Friction opposes the slip, so its power is negative: what leaves the motion is heat.
                 self.heats[p] = -(self.along[3 * p + 1] * u + self.along[3 * p + 2] * v)
                 self.speeds[p] = hypot(u, v)
 
@@ -155,6 +160,7 @@ cdef void generalise(const double* along, RowMemory memory, double* generalised)
     cdef const double* J
     memset(generalised, 0, nv * sizeof(double))
     for i in range(memory.rows):
+        # Tangents without friction carry nothing, and their rows are zeros.
         if along[i] != 0.0:
             J = memory.J + i * nv
             for d in range(nv):
@@ -201,16 +207,19 @@ def dip(list stages not None, const double[::1] stick_mu not None):
     cdef Py_ssize_t p
     cdef int s
     cdef double start, middle, end, bend, slope, first = 1.0
+    # Only a step of RK4 has two stages in its middle; an implicit step is tested at its ends.
     if len(stages) != 5:
         return 0.0
     for s in range(5):
         forces[s] = along_rows(stages[s])
     for p in range(stick_mu.shape[0]):
         start, end = inside(forces[0] + 3 * p, stick_mu[p]), inside(forces[4] + 3 * p, stick_mu[p])
+        # Out of bounds at an end: the event is found there.
         if start < 0.0 or end < 0.0:
             continue
         middle = 0.5 * (inside(forces[1] + 3 * p, stick_mu[p]) + inside(forces[2] + 3 * p, stick_mu[p]))
         bend, slope = 2.0 * (start + end) - 4.0 * middle, 4.0 * middle - 3.0 * start - end
+        # A minimum inside the step, at or nearly below zero: the state there is looked at, as the parabola only predicts.
         if slope < 0.0 and slope + 2.0 * bend > 0.0 and start - 0.25 * slope * slope / bend < _NEAR * bend:
             first = min(first, -0.5 * slope / bend)
     return first if first < 1.0 else 0.0
@@ -236,6 +245,7 @@ cdef class StageSums:
         cdef StageInMemory stage
         self.sizes = [0.0] * groups
         for s in range(parts.shape[0]):
+            # Stages of implicit steps, of loops and of other features are objects of Python with the same numbers.
             if isinstance(stages[s], StageInMemory):
                 stage = stages[s]
                 self.add(parts[s], stage.powers, &work[0], nv, stage.wrenches, &impulses[0, 0] if groups else NULL, groups)
@@ -264,6 +274,7 @@ cdef class StageSums:
         for i in range(6 * groups):
             impulses[i] += part * wrenches[i]
         for g in range(groups):
+            # The integral of the size: impulses of opposite forces within a step must not cancel in the log.
             self.sizes[g] += part * sqrt(
                 wrenches[6 * g] * wrenches[6 * g]
                 + wrenches[6 * g + 1] * wrenches[6 * g + 1]
@@ -280,6 +291,7 @@ cdef class StageSums:
         cdef double[::1] sums = totals
         for i in range(<Py_ssize_t>robot.start, <Py_ssize_t>robot.stop):
             sums[1] += work[i]
+        # What the robot does not gain the objects do: both add up to the total exactly.
         sums[0], sums[2] = self.total, self.total - sums[1]
         for g in range(impulses.shape[0]):
             for i in range(6):

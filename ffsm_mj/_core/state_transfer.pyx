@@ -58,6 +58,7 @@ cdef class StateTransfer:
             self.qvel[self.rates[i]] = self.other_qvel[self.other_rates[i]]
         self.data.time = self.other.time
         self.pose()
+        # Rates of the base need the frames of this state: positions first.
         mj.fwdPosition(self.m, self.d)
         mj.objectVelocity(self.moving, self.state_of, mjOBJ_XBODY, self.root, &self.twist[0], 0)
         self.rate()
@@ -67,6 +68,7 @@ cdef class StateTransfer:
         """The same, with M qdot and the actuator forces for the efforts in the data of the logged system."""
         self.state()
         mj.mulM(self.m, self.d, &self.momentum[0], &self.qvel[0])
+        # Efforts are not transferred: those of the logged system act, and it logs their forces.
         mj.fwdActuation(self.m, self.d)
 
     cdef int pose(self) except -1:
@@ -87,6 +89,7 @@ cdef class StateTransfer:
             for i in range(4):
                 sine += self.sine[i] * q[i]
                 cosine += self.cosine[i] * q[i]
+            # A quaternion knows an angle up to full turns; the coordinate of a hinge counts them, and must not jump.
             angle = self.zero + 2.0 * atan2(sine, cosine)
             base[last] = angle + TURN * rint((base[last] - angle) / TURN)
         return 0

@@ -135,6 +135,7 @@ cdef class RuleColumns:
             return
         for j in range(3):
             if values[PAIRS] == 1.0:
+                # The first pair was stored with its own centre; a weighted mean begins where a second one joins.
                 values[CENTRE + j] *= values[SIZE]
             values[FORCE + j] += out[j]
             values[CENTRE + j] += size * out[3 + j]
@@ -172,6 +173,8 @@ cdef class RuleColumns:
                 for p in range(self.parts[i, START], self.parts[i, STOP]):
                     self.friction_values[row, HEAT] += part * stage.heats[p]
                     total += part * stage.heats[p]
+                    # The slip of a rule is that of its fastest point at each stage: a sum would depend on how many points
+                    # there are.
                     largest = max(largest, stage.speeds[p])
             self.friction_values[row, SLIP] += part * largest
         return total
@@ -228,6 +231,7 @@ cdef class SteadyContacts(SteadyForces):
             return 0
         self.point_modes = self.modes.of(self.points)
         self.sliding = self.point_modes.all_slide
+        # With some points sliding and others sticking modes may change at any of them: such states are decided one by one.
         if not self.sliding and not self.point_modes.all_stick:
             return 0
         self.mu = self.point_modes.mu
@@ -251,8 +255,10 @@ cdef class SteadyContacts(SteadyForces):
     cpdef bint holds(self) except -1:
         """Whether the state in ``data`` under its efforts is steady: nothing changes, and no gap has drifted too far."""
         modes = self.modes
+        # While forces are varied by rounding, those of a decision count, not those of a state that was steady without it.
         if self.is_varied or not self.may_be():
             return False
+        # Any of these is a change of modes that is due: it needs the whole decision.
         if modes.released or modes.struck or modes.stops or modes.beginning or modes.replacing:
             return False
         pushes = self.solver.other_forces
@@ -267,6 +273,7 @@ cdef class SteadyContacts(SteadyForces):
     cdef bint evaluate(self, place, load, pushes) except -1:
         solver = self.solver
         cdef const double[::1] pushed = self.other
+        # Rows follow from positions and velocities: under other efforts at the same state they are used again.
         if place is not self.place:
             self.find_rows(place)
             find_extremes(self.groups, self.extremes)
@@ -278,12 +285,14 @@ cdef class SteadyContacts(SteadyForces):
             self.evaluation.has_forces = True
         solver.last_evaluation = place, load, self.evaluation
         if not (
+            # A point beyond its face, or a gap or rate that has drifted too far, is an event (tolerances.py).
             self.extremes[0] >= -_FEATURE_BOUND_M and self.extremes[1] <= _DRIFT_M and self.extremes[2] <= _DRIFT_M_S
         ):
             return False
         if self.sliding:
             if not self.evaluation.slides_on():
                 return False
+        # A force at its cone or a normal force that pulls: the choice of modes decides. NaN counts as outside.
         elif not self.evaluation.margin() >= 0.0:
             return False
         return self.touches_nowhere_else()
@@ -301,6 +310,7 @@ cdef class SteadyContacts(SteadyForces):
         return 0
 
     cdef bint touches_nowhere_else(self) except -1:
+        # A flat patch whose points are all at zero has no other point below them: the search can be left out.
         if not self.others or (self.is_level and self.extremes[1] <= _LEVEL_M):
             return True
         return self.closed.clearance.least(self.place, self.extremes[1], self.closed.gaps_of) >= 0.0
@@ -311,12 +321,14 @@ cdef class SteadyContacts(SteadyForces):
         Args:
             left_s: Duration of the step, s; unknown: points that slide may allow a shorter one only.
         """
+        # Drift above these is projected out at the start of a step, which changes the state: the general way does that.
         if not self.holds() or self.extremes[1] > GAP_M or self.extremes[2] > RATE_M_S:
             return False
         if self.sliding:
             if not self.slide_on(left_s):
                 return False
         elif self.rubs and (
+            # Sticking points creep by rounding and truncation; beyond this the creep is projected out too.
             self.evaluation.largest_slip() > SLIP_M_S or not self.modes.keep_still(self.points, self.point_modes.kinds)
         ):
             return False
@@ -330,6 +342,7 @@ cdef class SteadyContacts(SteadyForces):
         cdef const double* slips
         cdef Py_ssize_t p
         cdef int j
+        # NaN, the only number that differs from itself, stands for a duration that is not known.
         if left_s != left_s or not allows_step(
             self.evaluation, self.modes, left_s, self.data.time, PyBytes_FromStringAndSize(
                 <char*>&self.smooth.ctrl[0] if self.smooth.ctrl.shape[0] else NULL,
@@ -351,6 +364,7 @@ cdef class SteadyContacts(SteadyForces):
         cdef StageInMemory stage
         cdef Py_ssize_t i, n
         closed, forced = self.closed, self.closed.motion.forced
+        # Stages of an implicit step are solved together with the forces, which this shortcut does not do.
         if data is not self.data or forced.implicit or not self.may_be():
             closed.push(data)
             return
@@ -408,11 +422,14 @@ cdef class SteadyContacts(SteadyForces):
         stages, weights = self.closed.stages, self.closed.motion.forced.weights
         n = weights.shape[0]
         first = len(stages) - 1 - n  # the last one of all is at the end of the step
+        # Too few stages: the step was cut short, or began before the contacts were steady.
         if first < 0:
             return False
+        # Steady at both ends is not steady in between: a force may dip through its bound and come back.
         if dip(stages[first:], self.point_modes.stick_mu) > 0.0:
             return False  # a force may have left its bounds within the step
         stages = stages[first : first + n]
+        # Stages of other features are objects of Python: the general exchange sums them up.
         if not all([isinstance(candidate, StageInMemory) for candidate in stages]):
             return False
         if self.sliding and not all([(<StageInMemory>candidate).slides for candidate in stages]):
@@ -438,5 +455,6 @@ cdef class SteadyContacts(SteadyForces):
         if self.rubs:
             self.columns.work_J[0] += total
         self.heat_J[0] += heat_J
+        # A negative gap is an overlap: that at the end of the step counts, as in the general case.
         self.deepest[0] = max(self.deepest[0], -self.lowest)
         return True

@@ -60,8 +60,10 @@ cdef class FreeStepper:
     cpdef bint step(self, double duration_s) except? -1:
         """Integrate for the model's time step; returns whether no event is possible."""
         before = self.bands.values() if self.bands is not None else None
+        # The path within the step starts here: an event is located by shorter steps from this state, bit for bit the same.
         mj.getState(self.m, self.d, &self.state[0], _WHOLE_STATE)
         if self.runge_kutta and self.unconstrained:
+            # mj_step begins with these checks. They stay, as a state that is not finite must be reset or reported likewise.
             mj.checkPos(self.m, self.d)
             mj.checkVel(self.m, self.d)
             mj.forwardSkip(self.m, self.d, mjSTAGE_VEL, 1)
@@ -82,6 +84,7 @@ cdef class FreeStepper:
     cdef bint add(self, double duration_s) noexcept:
         cdef double before = self.energy
         self.energy = self.kinetic()
+        # The energy inside the step is not known: the larger one of both ends stands for it, with a margin.
         self.last_increment = _BOUND_MARGIN * duration_s * sqrt(2.0 * fabs(before if before > self.energy else self.energy))
         self.motion_bound += self.last_increment
         return self.motion_bound < self.event_bound
@@ -156,6 +159,8 @@ cdef class ActuatorPower:
         for i in range(self.sides.shape[0]):
             value = self.force[self.limited[i]] if i < n else self.forces[self.limited_dofs[i - n]]
             if i < n:
+                # A force that reaches its limit has a kink in time, at which RK4 loses its order: the integrator ends the
+                # step there.
                 side = (value >= self.ranges[i, 1]) - (value <= self.ranges[i, 0])
             else:
                 side = (value >= self.dof_ranges[i - n, 1]) - (value <= self.dof_ranges[i - n, 0])
@@ -172,6 +177,8 @@ cdef class ActuatorPower:
             self.sums[self.trees[i]] += weight * self.forces[i] * self.rates[i]
         for k in range(self.apart.shape[0]):
             i = self.apart[k]
+            # Their work is entered elsewhere, as that of wheels or external servos: entered twice, the balance would not
+            # close.
             self.sums[self.apart_trees[k]] -= weight * self.force[i] * self.velocity[i]
         if self.outside is not None:
             self.outside.add(weight)
@@ -269,7 +276,9 @@ cdef class ForcedStepper(FreeStepper):
     cdef int update_forces(self) except -1:
         """The same if positions and velocities are current and only efforts may have changed."""
         self.follow()
+        # Forces of the stage before belong to another state; every source adds its own.
         memset(&self.applied[0], 0, self.applied.shape[0] * sizeof(double))
+        # In the order of the contact models: a reactive one sees what those before it have added.
         for push in self.pushes:
             push(self.data)
         mj.forwardSkip(self.m, self.d, mjSTAGE_VEL, 1)
@@ -300,10 +309,13 @@ cdef class ForcedStepper(FreeStepper):
         memcpy(slopes, &self.rates[0], n * sizeof(double))
         memcpy(slopes + n, &self.accelerations[0], n * sizeof(double))
         self.begin_work()
+        # The quadrature of work has the weights of the motion: energy and its balance have one truncation error, which
+        # cancels in the residual.
         self.add_work(1.0 / 6.0)
         if self.activations is not None:
             self.activations.begin(h)
             self.activations.add(1.0 / 6.0)
+        # Inside a step the modes of contacts are kept: choosing them anew in each stage would make the method first order.
         self.data.time, self.inside = start_s + 0.5 * h, True
         try:
             self.evaluate(0.5 * h, slopes, slopes + 2 * n)
@@ -335,15 +347,18 @@ cdef class ForcedStepper(FreeStepper):
                 last, change = change, self.evaluate_nodes(step, start_s, h, again > 0)
                 solved = self.correct_nodes(step, h)
                 change = max(change, self.end_pass(weights))
+                # From a state that is not finite no pass comes back; the caller is told that the step has no solution.
                 if not isfinite(change):
                     solved = False
                     break
+                # At rounding changes do not get smaller. Above NEARLY the same means that the iteration does not converge.
                 if change <= SETTLED or (change <= NEARLY and change >= 0.5 * last):  # rounding
                     break
             else:
                 solved = False
         finally:
             self.stage, self.repeats = None, 0
+        # The last node of Radau IIA is the end of the step: nothing is left to sum up.
         self.set_state(1.0, &self.increments[2, 0, 0])
         self.end_work(h)
         if self.activations is not None:
@@ -374,6 +389,7 @@ cdef class ForcedStepper(FreeStepper):
         self.begin_work()
         memcpy(&self.before[0, 0, 0], &self.nodes[0, 0, 0], 6 * size)
         for k in range(3):
+            # In later passes a stage replaces the one that was kept in its place, so that integrals count each node once.
             step.node, self.repeats = k, k - 3 if again else 0
             self.data.time = start_s + h * _PLACES[k]
             self.set_state(1.0, &self.increments[k, 0, 0])
@@ -407,6 +423,8 @@ cdef class ForcedStepper(FreeStepper):
         if self.stiff is not None:
             for k in range(3):
                 for i in range(self.rates.shape[0]):
+                    # Newton's method is for the residual of the accelerations; what stiff friction has corrected already is
+                    # part of it.
                     self.differences[k, i] = self.nodes[k, 1, i] - self.before[k, 1, i]
             changes = self.stiff.correction(h, self.residuals, self.acting)
             for k in range(3):
@@ -429,6 +447,8 @@ cdef class ForcedStepper(FreeStepper):
                 self.nodes[k, 0, i] = self.start_qvel[i] + total
                 fastest = max(fastest, fabs(self.nodes[k, 0, i]))
             for j in range(self.turning.shape[0]):
+                # Rates of rotation vectors, not angular velocities, are integrated: their sum is a rotation again
+                # (Munthe-Kaas).
                 rotation_vector_rate(&self.increments[k, 0, self.turning[j]], &self.nodes[k, 0, self.turning[j]])
         memcpy(&self.before[0, 0, 0], &self.increments[0, 0, 0], 6 * n * sizeof(double))
         self.add_up(self.nodes, weights)
@@ -436,6 +456,7 @@ cdef class ForcedStepper(FreeStepper):
             for j in range(2):
                 for i in range(n):
                     total = self.increments[k, j, i] - self.before[k, j, i]
+                    # A maximum with NaN may forget it; zero times a number that is not finite is NaN, and its sum stays so.
                     largest, not_finite = max(largest, fabs(total)), not_finite + 0.0 * total
         return largest / (1.0 + fastest) + not_finite
 
@@ -488,6 +509,7 @@ cdef class ForcedStepper(FreeStepper):
         """Set the state reached from the start of the step with constant rates and accelerations, (2, nv)."""
         cdef Py_ssize_t i, n = self.rates.shape[0]
         memcpy(&self.qpos[0], &self.start_qpos[0], self.qpos.shape[0] * sizeof(double))
+        # From the start of the step in one rotation: quaternions stay unit, and the order is that of the method.
         mj.integratePos(self.m, &self.qpos[0], slope, after_s)
         for i in range(n):
             self.rates[i] = self.start_qvel[i] + after_s * slope[n + i]
@@ -515,6 +537,7 @@ cdef class ForcedStepper(FreeStepper):
         mj.getState(self.m, self.d, &self.state[0], _WHOLE_STATE)
         self.update_forces()
         self.integrate_step(duration_s)
+        # RK4 loses its order at a kink: the integrator ends the step there (``_to_kink``).
         self.kinked = self.power is not None and self.power.kinked
         if self.activations is not None and not self.kinked:
             self.kinked = self.activations.is_kinked(duration_s)

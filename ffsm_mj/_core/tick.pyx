@@ -85,6 +85,7 @@ cdef class ServoSample(OnSample):
 
     cdef int sample(self, double time_s) except -1:
         cdef Py_ssize_t i, n = self.servos.shape[0]
+        # MuJoCo clamps in the same call: only a model without limits gives the force before the clamp.
         if self.unlimited != NULL:
             mj.fwdActuation(self.unlimited, self.d)
             for i in range(n):
@@ -125,6 +126,8 @@ cdef class Periodically(OnSample):
         self.last_s, self.is_resumed = float("nan"), with_values
 
     cdef double periods(self, double time_s) noexcept:
+        # A multiple of the period that is early by rounding counts as reached: else a run and its replay could sample
+        # differently.
         return floor(time_s / self.period_s * (1.0 + ROUNDING) + ROUNDING)
 
     cdef int sample(self, double time_s) except -1:
@@ -159,6 +162,7 @@ cdef class Sampler:
         for live, table in copies:
             line = table[0]
             both = live.dtype == table.dtype == np.float64 and live.flags.c_contiguous and line.flags.c_contiguous
+            # Copies below are of bytes: another type or stride would be copied as rubbish, or past the end.
             if not both or live.shape != line.shape or not table.flags.writeable:
                 raise ValueError(f"cannot copy {live.dtype} {live.shape} into lines of {table.dtype} {line.shape}")
         self.count = 0
@@ -181,13 +185,16 @@ cdef class Sampler:
         """
         cdef int i
         cdef Copy* one
+        # Momentum of the robot and Jacobian of its base: asked for by columns only.
         if self.base >= 0:
+            # Steps do not need these quantities, so MuJoCo does not keep them current.
             mj.subtreeVel(self.m, self.d)
             mj.jacBody(self.m, self.d, &self.p[0, 0], &self.r[0, 0], self.base)
         if self.tip >= 0:
             mj.objectVelocity(self.m, self.d, mjOBJ_SITE, self.tip, &self.v[0], 0)
         for i in range(self.count):
             one = &self.copies[i]
+            # memcpy asks nobody: a line too far would write into other memory.
             if line >= one.lines:
                 raise IndexError(f"line {line} of a table of {one.lines}")
             memcpy(one.table + line * one.stride, one.live, one.size)
@@ -274,6 +281,7 @@ cdef class StepWork:
         self.working = self.pushed = False
         for i in range(self.ctrl.shape[0]):
             self.start[i] = self.length[i]
+            # Actuators without effort do no work, and parts that only serve external ones need not be asked.
             if self.ctrl[i] != 0.0:
                 self.working = True
                 self.pushed = self.pushed or self.external[i] != 0.0
@@ -288,6 +296,8 @@ cdef class StepWork:
         cdef double work = 0.0
         if self.working:
             for i in range(self.ctrl.shape[0]):
+                # An effort that is constant over the step does work in proportion to the travel: exact, whatever the motion
+                # in between is.
                 work += self.force[i] * self.on_joint[i] * (self.length[i] - self.start[i])
             self.account[0] += work
         for part in self.always:
@@ -321,6 +331,7 @@ cdef class Limits:
             wanted = self.effort[i] if self.powered[i] else self.table[i, 0] if self.keeps[i] else 0.0
             self.table[i, 0] = wanted
             finite = finite and isfinite(wanted)
+        # MuJoCo would reset the state to that of the model file; the caller reports the actuator instead.
         if not finite:
             return False
         for i in range(count):
@@ -329,11 +340,13 @@ cdef class Limits:
             lower, upper = -self.stall[i] - drag, self.stall[i] - drag
             lower = self.low[i] if lower < self.low[i] else lower
             upper = self.high[i] if upper > self.high[i] else upper
+            # A saturated wheel takes no more speed in its own sense: its motor can only brake it.
             lower = 0.0 if speed <= -self.saturation[i] else lower
             upper = 0.0 if speed >= self.saturation[i] else upper
             wanted = self.table[i, 0]
             applied = lower if wanted < lower else wanted
             applied = upper if applied > upper else applied
+            # Bounds of a fast motor may exclude zero; without power no current flows, and no torque acts.
             applied = applied if self.powered[i] or self.keeps[i] else 0.0
             self.table[i, 1], self.table[i, 2], self.table[i, 3] = applied, lower, upper
             self.ctrl[i] = applied / self.gear[i]

@@ -44,8 +44,10 @@ cdef class Travel:
         cdef double rate, moved, longest = 0.0, total = 0.0
         for i in range(self.rates.shape[0]):
             rate = fabs(self.rates[i])
+            # The larger rate of both ends, with a margin: the rate inside a step is not known.
             moved = _BOUND_MARGIN * duration_s * (self.before[i] if rate <= self.before[i] else rate)
             self.before[i], self.steps[i] = rate, moved
+            # By coordinate too: the one number is a bound for all pairs, these serve to see which pair it may concern.
             self.sums[i] += moved
             longest, total = max(longest, moved * self.weights[i]), total + moved
         self.length += longest + 0.0 * total  # of a rate that is no number, none is within reach
