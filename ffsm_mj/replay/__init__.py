@@ -43,16 +43,19 @@ def replay_log(
     try:
         scene = log_scene(log)
         replay = LogReplay(scene, log)
+    # A log whose models cannot be built still has rows: the checks that need none are evaluated on them.
     except InputError as error:
         checks = ModelChecks(log, kept_rows(log))
         return ReplayResult({}, 0, 0, "", error.lines[0], accumulate_checks(log), log, checks)
     seen = CheckAccumulator(log.header.layout, dict(log.header.metadata) | state_metadata(scene))
     kept = KeptRows(log.header.layout, log.header.metadata)
+    # Checks that do not use the engine need rows next to impacts and some of the whole run: only these are kept in memory.
     kept.expect(record.time_s for record in log.impact_records)
     with collected_warnings([]):
         for block in log.blocks():
             kept.rows(before_loss(log, block))
             again = replay.take(block)
+            # Checks are evaluated on recomputed rows: a log that states a small residual does not pass by that.
             seen.rows(again, forces_apart=replay.forces_apart)
             if rows is not None:
                 rows(again)
@@ -94,6 +97,7 @@ def explain(
         KeyError: A tolerance for an unknown check.
     """
     stated = all_checks(run, tolerance) if checks is None else tuple(checks)
+    # Steps are made again only where a check fails that truncation could explain: it takes several times as long as the run.
     if not has_question(stated, tolerance):
         return ExplainedChecks(stated)
     limits = limits if limits is not None else AnalysisLimits(usual_seconds(run.log))

@@ -101,6 +101,7 @@ class LogReplay:
         """
         times, edges = block[:, self._time], {*range(0, len(block), RECORDED_ROWS), len(block)}
         ticks = self.sampling.ticks(times)
+        # A block must not reach over a lost part: what was recomputed before it says nothing about rows behind it.
         edges |= {*np.searchsorted(times, self._lost_from, side="right").tolist()}
         parts, apart = [], []
         for first, end in pairwise(sorted(edges)):
@@ -126,6 +127,8 @@ class LogReplay:
         if self._tick is not None:
             self._ending = True
             first = self._tick * self._steps
+            # A run may end at an event between its last row and the next tick: that event has to follow from the last row
+            # too.
             for step in range(first, first + self._steps):
                 self._advance_through_events(step)
                 if not self._events.pending:
@@ -141,6 +144,8 @@ class LogReplay:
         if self.before_loss is None:
             return last, math.inf
         until_s, first = self.before_loss[0], vars(self.before_loss[1])
+        # A lost event may have closed a contact or a grasp. Behind it a difference may be due to what is not known, so only
+        # agreement counts.
         if not all(item.worst is None or item.worst.passes for item in last.values()):
             return first, until_s
         for name, item in last.items():
@@ -152,6 +157,7 @@ class LogReplay:
     def _take(self, block: FloatArray, ticks: npt.NDArray[np.int64]) -> FloatArray:
         self._logged = self._rows.begin(block)
         states = self._logged.states
+        # MuJoCo would reset such a state to that of the model file, and the replay would compare with that.
         usable = np.all(np.isfinite(states) & (np.abs(states) < _HUGE), axis=1) & (ticks != NOWHERE)
         if self._logged_motion is not None:
             self._logged_motion.begin(self._logged, usable, ticks)
@@ -179,6 +185,7 @@ class LogReplay:
     def _reach(self, line: int, tick: int, time_s: float) -> bool:
         """Integrate to a sample, unless the core has; returns whether the replay starts there instead."""
         logged = self._logged
+        # Behind a gap no state leads to this one: the replay begins here.
         if self._tick is None or tick not in (self._tick + 1, BETWEEN):
             self._rows.complete(line)
             self._start_at_sample(line, max(tick, 0), time_s)
@@ -193,6 +200,7 @@ class LogReplay:
         """Have the core write rows from a sample on, if nothing but actuators acts there; returns the number of rows."""
         if self._logged_motion is None or not self._bounded:
             return 0
+        # The core knows no events: it may take ticks up to that of the next logged one.
         pending = self._events.pending
         written = self._logged_motion.take(line, tick, pending[0].step // self._steps if pending else math.inf)
         if written:
@@ -219,6 +227,8 @@ class LogReplay:
         logged, plant = self._logged, self._plant
         plant.set_coordinates(logged.states[line])
         self._events.skip_to(tick * self._steps)
+        # Columns that add up since t = 0 begin at zero there, and behind a gap at their logged values: what was added in it
+        # is lost.
         self._rows.restore(logged.rows[line] if tick else None)
         plant.integrator.restore_state(self._system_motion, self._events.before(tick * self._steps))
         plant.balance.set_grasped_object(plant.integrator.motion.grasped_object)
@@ -230,6 +240,7 @@ class LogReplay:
             return
         if plant.sampler is not None:
             plant.sampler.begin_after_gap(time_s)
+        # Events in the gap had numbers: those of later ones are taken from the log.
         plant.scene.numbers.mark_unknown()
         self._hold(logged.applied[line], time_s, self.current.columns)
         plant.actuation.table[:, 0] = logged.asked[line]
@@ -250,6 +261,7 @@ class LogReplay:
         """Context in which an effort that would have ended the run is a disagreement."""
         try:
             yield
+        # An effort that is no number ends a run. In a log it is a difference, and the replay goes on.
         except ControllerError as error:
             agreement.keep(impossible(str(error), time_s))
 
@@ -257,6 +269,7 @@ class LogReplay:
         """Integrate from the sample at a tick to the next sample, or to an event at ``until_s``; returns the state there."""
         end = (tick + 1) * self._steps
         for step in range(self._next_step, end):
+            # The row lies at an event within the step: the rest of the step comes after it.
             if self._advance_through_events(step, until_s):
                 self._left = 0.0
                 break
@@ -270,12 +283,15 @@ class LogReplay:
         for event in self._events.within(step):
             end_s = (step + 1) * self._step_s
             # At the start of a step all of it is left, whatever the rounding of the time; see GridStep.
+            # Times are rounded to half a unit in the last place; a step that is shorter or longer by that ends in another
+            # state.
             left = self._left if event.time_s == end_s - self._left else end_s - event.time_s
             elapsed = logged(self._left - left, self._left, event.time_s)
             start = self._plant.state_now()
             predicted = self._advance_to_state(elapsed, event.state)
             change = float(np.abs(predicted - start)[self._plant.system.mj.nq :].max(initial=0.0))
             self._events.compare_state(event, predicted, change / elapsed if elapsed > 0.0 else 0.0)
+            # An event at the start of a step is found by other tests than one inside it (``due`` and ``first_event``).
             self._replay_event(replace(event, in_step=elapsed > 0.0))
             self._left = left
             if event.time_s == until_s:
@@ -286,6 +302,7 @@ class LogReplay:
         def reproduce() -> EventEffect | None:
             return self._check.reproduce(event)
 
+        # From the logged state after the event on: a difference at one event must not become one of all later rows.
         effect = self._plant.apply(reproduce, event.state_after)
         self._at_logged_state = self._bounded = True
         # If the run ended at this event, the controller was not evaluated or failed: its efforts never acted.
@@ -300,6 +317,8 @@ class LogReplay:
         Efforts that still act where nothing is decided are within the limits of an earlier speed.
         """
         actuation, data = self._plant.actuation, self._plant.data
+        # Efforts that are only kept are not limited anew: the torque-speed line of the present speed might cut them, which
+        # the run did not.
         if not np.array_equal(event.efforts, actuation.applied) or effect is None or self._decides(effect):
             self._hold(event.efforts, event.time_s, self.current.impacts)
         name = f"{event.name} efforts_after"
@@ -315,9 +334,11 @@ class LogReplay:
         """Integrate to a logged state, which enters the balance; returns the integrated state for comparison."""
         last_s, plant = self._integrate(duration_s), self._plant
         predicted = plant.state_now()
+        # Bit by bit: the replay makes the steps of the run with the same arithmetic, so on the same machine nothing differs.
         differs = not bool((predicted == state).all())
         if differs:
             plant.set_coordinates(state)
+            # The motion bound holds for the integrated state; the logged one may be anywhere.
             self._bounded = False
         self._enter(last_s, is_set=differs)
         return predicted
@@ -329,6 +350,7 @@ class LogReplay:
             Duration of the last sub-step; 0 if integration was refused.
         """
         left = self._left
+        # The core has made this step already, and left it to be completed.
         if self._stepped:
             self._stepped = False
             if not self._plant.integrator.motion.free_flight.kinked:
@@ -346,6 +368,7 @@ class LogReplay:
                 # Integration is refused here, for example as a pair with friction carries a force.
                 self.current.motion.keep(impossible(str(end), float(self._plant.data.time)))
                 return 0.0
+            # A sub-step that ends within rounding of the end is the whole: what is left is shorter than a run makes.
             if logged(done_s, duration_s, float(self._plant.data.time)) == duration_s:
                 return done_s
             self._enter(done_s)
@@ -357,6 +380,7 @@ class LogReplay:
         self._at_logged_state, time_s = False, float(self._plant.data.time)
         integrator = self._plant.integrator
         for contact_model in integrator.replayable:
+            # An event that is due here would stand in the log of a run: it is named, as later differences follow from it.
             if missing := contact_model.catch_up():
                 self.current.impacts.keep(impossible(f"{missing} missing", time_s))
         integrator.discard_idle()
@@ -366,6 +390,7 @@ class LogReplay:
 
     def _enter(self, duration_s: float, *, is_set: bool = False) -> None:
         """Enter a finished (sub-)step in the balance; see :meth:`~ffsm_mj.simulation.plant.Plant.enter`."""
+        # Two events at one time leave a part without length, in which nothing is exchanged.
         if duration_s <= 0.0:
             return
         for contact_model in self._plant.integrator.replayable:

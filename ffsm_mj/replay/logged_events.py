@@ -39,6 +39,8 @@ def _in_order(events: Sequence[LoggedEvent], collection: Collection[str]) -> lis
     for _, group in groupby(sorted(events, key=_order), key=lambda event: (event.step, event.time_s)):
         at_once = list(group)
         apart = [event for event in at_once if event.kind in collection]
+        # Two series of numbers do not say which of their events came first: the state after one is the state before the
+        # next.
         out += merged(apart, [event for event in at_once if event.kind not in collection], _jump)
     return out
 
@@ -90,6 +92,7 @@ class LoggedEvents:
         """The events of kinds that share events: the records of one number, kind by kind."""
         logged = [(kind, i, record) for kind in kinds for i, record in enumerate(log.records.get(kind.plural, ()))]
         if len(kinds) > 1:
+            # A joint limit and contacts that are met at one instant are one impact, in two kinds of records with one number.
             logged.sort(key=lambda item: item[2].event)  # a stable sort keeps the order of kinds and of records
         counts, goes_on = Counter[str](), logged_start_s(log.header.metadata) > 0.0
         for _, group in groupby(logged, key=lambda item: getattr(item[2], "event", item[1])):
@@ -117,13 +120,16 @@ class LoggedEvents:
                 for qvel in (first.qvel_before, first.qvel_after)
             )
             efforts = np.array([first.efforts_after[actuator][0] for actuator in system.names("actuator")])
+        # A log of another model has no such joint or actuator: the event is a difference, not an error.
         except LookupError:
             return None
         qpos = np.asarray(first.qpos, dtype=np.float64)
         sizes = (qpos.size, before.size, after.size, efforts.size)
+        # A record of another size would be spread over the wrong joints.
         if sizes != (system.mj.nq, system.mj.nv, system.mj.nv, system.mj.nu):
             return None
         state, state_after = np.concatenate((qpos, before)), np.concatenate((qpos, after))
+        # NaN differs from every number, and MuJoCo would reset such a state to that of the model file.
         if not all(np.isfinite(numbers).all() for numbers in (state, after, efforts)):
             return None
         return LoggedEvent(kind.name, f"{kind.name} {number + 1}", number, records, state, state_after, efforts)
@@ -144,10 +150,12 @@ class LoggedEvents:
     def within(self, step: int) -> Iterator[LoggedEvent]:
         """The next events in this step; an event whose time is outside its step is refused."""
         start, end = step * self._step_s, (step + 1) * self._step_s
+        # Times of events and multiples of the step are rounded each on their own.
         slack = instant_s(end)
         while self.pending and self.pending[0].step <= step:
             event = self.pending.pop(0)
             if event.step == step and start - slack <= event.time_s <= end + slack:
+                # Events within a step are in the order of time: one before the last could not be integrated to.
                 start = event.time_s
                 yield event
             else:
@@ -163,6 +171,7 @@ class LoggedEvents:
                 of times. It counts under a force of 1e9 N, at a contact that runs along an edge.
         """
         logged, again = (np.split(state, [self._system.mj.nq]) for state in (event.state, predicted))
+        # q and -q are one rotation: the signs of quaternions may differ without a difference of the state.
         again[0] = with_signs_of(self._system.mj, again[0], logged[0])
         # What is left of the step is rounded as the time of its end is.
         accuracy = 0.0, EVENT_TIME * (event.step + 1) * self._step_s * acceleration
@@ -189,10 +198,12 @@ class EventCheck:
     def reproduce(self, event: LoggedEvent) -> EventEffect | None:
         """Reproduce the event at the state in ``data``, and compare its records; None if the models do not allow it."""
         effect = self._effect(event)
+        # Records of other kinds or numbers have no fields to compare one by one.
         if effect is None or [*map(type, effect.records)] != [*map(type, event.records)]:
             self.agreement.keep(impossible(f"{event.name} records", event.time_s))
             return effect
         for i, (mine, theirs) in enumerate(zip(effect.records, event.records, strict=True)):
+            # Time and efforts are inputs of the replay: they are checked where they are used.
             again = replace(mine, time_s=theirs.time_s, efforts_after=theirs.efforts_after)
             accuracy = dict(effect.accuracy) | _spread(mine, [records[i] for records in effect.varied])
             self.agreement.record(event.name, theirs, again, theirs.time_s, accuracy)
@@ -201,6 +212,8 @@ class EventCheck:
     def _effect(self, event: LoggedEvent) -> EventEffect | None:
         try:
             return self._models[event.kind].replay(event)
+        # What the models refuse cannot have happened in the run: that is the difference, and the replay goes on with the
+        # logged state.
         except (RunEnded, UnsupportedContactError, ValueError, ArithmeticError):
             return None
 

@@ -55,6 +55,7 @@ class LoggedMotion:
         cls, plant: Plant, rows: ReplayedRows, command: Command, step_s: float, steps_per_tick: int
     ) -> LoggedMotion | None:
         """The same, if the core can take ticks of this plant: without sensors, delays and step-size control."""
+        # Sensors and delays have instants of their own, and step-size control divides steps: the core knows none of these.
         possible = plant.sampler is None and plant.control is None and plant.integrator.control is None
         return cls(plant, rows, command, step_s, steps_per_tick) if possible else None
 
@@ -63,6 +64,8 @@ class LoggedMotion:
         self._law.begin(logged, self._rows.predicted)
         follows = np.zeros(len(ticks), dtype=np.bool_)
         follows[:-1] = usable[:-1] & usable[1:] & (ticks[:-1] >= 0) & (ticks[1:] == ticks[:-1] + 1)
+        # On-off actuators have valves, which the loop opens and closes; logged contact forces need the rows of their
+        # contacts.
         follows &= ~(logged.powered[:, self._others].any(axis=1) | logged.rows[:, self._rows.forces].any(axis=1))
         # Of each row the number of rows from it on that the core may write: the state of the next one is known.
         ends = np.where(follows, len(ticks), np.arange(len(ticks)))
@@ -81,8 +84,10 @@ class LoggedMotion:
         """
         count = min(int(self._runs[line]), until_tick - tick)
         self._waits = max(self._waits - 1, 0)
+        # After an event columns show the largest values since the row before it, which the loop has to pass on.
         if count < 1 or self._waits or self._rows.follows_event:
             return 0
+        # Where an event may be near, the core would make one step and give up.
         written = self._written_rows(line, tick, int(count)) if self._plant.integrator.excludes_events() else 0
         self._pause = self._waits = min(2 * self._pause + 2, _LONGEST_PAUSE) if written < min(_WORTH, count) else 0
         return written
@@ -91,6 +96,7 @@ class LoggedMotion:
         plant, first = self._plant, tick * self._per_tick
         steps = plant.integrator.begin_core_steps()
         limits = plant.actuation.limits(self._command, plant.data, self._driven)
+        # Contact forces are recomputed with checks of their own, row by row.
         if steps is None or steps.forces is not None or limits is None:
             return 0
         self._rows.complete(line)
@@ -112,6 +118,7 @@ class LoggedMotion:
         if self.steps > first:
             plant.integrator.motion.path.at_s = self._step_s
         written = self._ticks.ticks - tick
+        # Without contact forces nothing varies with the rounding of normals: columns have to agree to the usual tolerance.
         self._rows.accuracy[line : line + written] = 0.0
         self._rows.forces_apart[line : line + written] = 0.0
         return written

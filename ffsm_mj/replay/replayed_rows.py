@@ -38,6 +38,7 @@ class LoggedRows:
     def __init__(self, rows: FloatArray, states: FloatArray, layout: Layout, actuation: Actuation) -> None:
         """Split a block of rows."""
         self.rows, self.times, self.states = rows, rows[:, layout.time], states
+        # A log may have NaN where an effort was none: it disagrees in its column, and must not end the integration.
         efforts = (np.nan_to_num(rows[:, layout.places(actuation.keys[what])]) for what in ("command", "applied"))
         self.asked, self.applied = map(np.ascontiguousarray, efforts)
         self.ctrl = self.applied / actuation.gear
@@ -117,6 +118,7 @@ class ReplayedRows:
 
     def add_event(self) -> None:
         """Note how far rounding of the state after an event changes the columns of values after events."""
+        # Columns of values after events show the largest one: so does their accuracy.
         np.maximum(self._since_row, self._accuracy(self._at_event), out=self._since_row)
         self.follows_event = True
 
@@ -124,6 +126,7 @@ class ReplayedRows:
         """How far rounding of the state in ``data`` changes columns through the forces: the sum over all variations."""
         replayable = self._plant.integrator.replayable
         varied = [self._values(parts) for contact_model in replayable for _ in contact_model.varied_forces()]
+        # Variations are independent of each other, and each may be met with the worst sign.
         return np.abs(np.array(varied) - self._values(parts)).sum(axis=0) if varied else 0.0
 
     def _values(self, parts: _Parts) -> FloatArray:
@@ -150,8 +153,10 @@ class ReplayedRows:
         count, model = len(block), self._plant.system.mj
         self.complete(count)
         again, predicted = self.again[:count].copy(), self.predicted[:count].copy()
+        # A quaternion and its negative are one rotation: the integrated one takes the sign of the log.
         predicted[:, : model.nq] = with_signs_of(model, predicted[:, : model.nq], block[:, self._state[: model.nq]])
         size = np.abs(predicted)
+        # Rounding in one coordinate moves others through the linkage: the scale is that of the largest of its kind.
         lever, speed = (size[:, part].max(axis=1, keepdims=True) for part in (slice(model.nq), slice(model.nq, None)))
         scale = np.concatenate((np.repeat(lever, model.nq, axis=1), np.repeat(speed, model.nv, axis=1)), axis=1)
         motion.rows(self._layout, self._state, block, predicted, scale)
@@ -172,6 +177,7 @@ def _row_of_log(columns: Sequence[Columns], layout: Layout) -> Row:
     for one, other in same_names(columns):
         raise InputError(f"its models have two columns {one.key}: {one.element} and {other.element}")
     row = Row(columns)
+    # Columns are compared by place: a log of other models would be compared number by number with something else.
     if layout.keys != row.layout.keys:
         odd = sorted(set(layout.keys) ^ set(row.layout.keys))
         raise InputError(f"the columns of the log are not those of its models: {', '.join(odd[:3]) or 'another order'}")

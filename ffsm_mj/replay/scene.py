@@ -49,6 +49,7 @@ def log_scene(log: RunLog) -> LogScene:
         # At the start of the run, as the division of steps follows from the rates of servos there.
         data = initial_state(scenario, system).data
         pairs, limits = resolve_contacts(scenario.contacts, system).pairs, joint_limits(scenario, system)
+        # The models are those in the log, not files that may have changed since.
         grasped = grasped_systems_of(scenario, system, lambda grasp, _: compile_log(log, grasp=grasp))
         return LogScene(scenario, build_plant(scenario, system, data, pairs, limits, grasped, task_of(scenario, system)))
     except ScenarioFaults as error:
@@ -65,12 +66,14 @@ def _scenario(log: RunLog) -> ScenarioConfig:
         scenario = with_plugins(ScenarioConfig.model_validate(scenario_data(log) | _NO_CONTROL))
     except ValidationError as error:
         for item in error.errors():
+            # Control laws are not needed, an impact law is: impacts are resolved again by it.
             if item["type"] == UNUSABLE_LAW:
                 raise InputError(f"the impact law {item['input']!r} of the log is not installed") from error
         keys = ", ".join(sorted({".".join(map(str, fault["loc"])) for fault in error.errors()}))
         raise InputError(f"the scenario in the log is not of this version ({keys})") from error
     except ScenarioFaults as error:
         raise InputError([f"the scenario in the log: {fault.message}" for fault in error.faults]) from error
+    # Steps that do not divide the control period, or none at all, would have no grid to replay on.
     for fault in timing_faults(scenario):
         raise InputError(f"the scenario in the log: {'.'.join(map(str, fault.path))} {fault.message}")
     return scenario

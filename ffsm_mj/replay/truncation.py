@@ -129,10 +129,13 @@ def analyze_truncation(log: RunLog, checks: Iterable[Check], limits: AnalysisLim
     try:
         for share in (_NOT_KNOWN, _NOT_KNOWN_AGAIN):
             analysis = TruncationAnalysis(_refined(log, checks, limits, share))
+            # The first pass spends less. Only a verdict that its errors leave open is worth a second one with smaller
+            # shares.
             if not analysis.leaves_open(checks):
                 break
         return analysis
     except _NoVerdictError as end:
+        # The second pass only sharpens the first: where it does not end, the first one counts.
         return analysis if analysis.refined is not None else TruncationAnalysis(None, str(end))
     except InputError as error:
         return TruncationAnalysis(None, error.lines[0])
@@ -188,6 +191,7 @@ class _Refining(LogReplay):
         self._powers: list[list[float]] = [[] for _ in ENTRIES]
         self.corrections: list[FloatArray] = []
         self.bounds: list[FloatArray] = []
+        # Checks allow their tolerance over a stretch of the run, not over all of it: shares are those of its steps.
         steps = min(scene.scenario.ticks * scene.scenario.steps_per_tick, STRETCH_STEPS)
         self._shares = spared / steps
         self._spare = np.zeros_like(self._shares)
@@ -223,6 +227,8 @@ class _Refining(LogReplay):
         """Make the coming step, then the same in shorter ones; nothing has moved after."""
         motion, control = self._plant.integrator.motion, self._plant.integrator.control
         start = np.empty(mujoco.mj_stateSize(motion.model, WHOLE_STATE))
+        # All trials start from the same bits, those of the run included: else differences of states would enter the
+        # residuals.
         mujoco.mj_getState(motion.model, motion.data, start, WHOLE_STATE)
         plan = dict(vars(control)) if control is not None else {}
         self._at_start = start, self._plant.integrator.snapshot()
@@ -231,6 +237,7 @@ class _Refining(LogReplay):
             self._error.begin(measured=True)
             done_s = self._plant.integrate(duration_s, left_s)
             whole, scales = self._residuals(done_s), np.append(self._error.scales().ravel(), 1.0)
+            # Step-size control would divide the parts again, by its own estimate: they have to be those of the halving.
             self._plant.integrator.control = None
             self._refine(whole, scales, done_s, left_s)
         except (RunEnded, StepLimitError):  # the step itself says so
@@ -254,10 +261,13 @@ class _Refining(LogReplay):
         self._spare += self._shares * (done_s / self._step_s)
         not_tried, not_known = self._spare
         error, rounding = _by_entry(whole), _ROUNDING * scales
+        # Below its rounding a residual does not fall with shorter steps, and what is spared needs no verdict.
         unknown = error > np.maximum(not_tried, rounding)
         not_tried[~unknown] -= np.minimum(error, not_tried)[~unknown]
         divisions, extrapolated, limit, bound = [whole], whole, whole.copy(), np.zeros(len(ENTRIES))
         for halvings in range(1, _MOST_HALVINGS + 1):
+            # An error that does not fall by eight with a halving is no truncation of order three or more: further halvings
+            # are in vain.
             if not unknown.any() or (halvings > _USUAL_HALVINGS and not (unknown & _converges(divisions)).any()):
                 break
             self._back_to_start()
@@ -265,7 +275,10 @@ class _Refining(LogReplay):
                 divisions.append(self._in_parts(done_s, left_s, 2**halvings))
             except RunEnded:  # shorter steps are refused on the way: what was found before is known no better
                 break
+            # Each part adds its own rounding: finer divisions end where this exceeds what they take off.
             before, rounding = extrapolated, 2**halvings * _ROUNDING * scales
+            # Richardson: of order four, 1/15 of the last change is left (Hairer, Norsett & Wanner, *Solving ODEs I*, sec.
+            # II.4).
             extrapolated = divisions[-1] + (divisions[-1] - divisions[-2]) / (_OF_ORDER_FOUR - 1.0)
             error = self._error_of_limit(divisions, extrapolated, before)
             known = unknown & (error <= np.maximum(not_known, rounding))
@@ -313,8 +326,10 @@ class _Refining(LogReplay):
         second = _by_entry(divisions[-2] - divisions[-1])
         if len(divisions) == 2:
             return np.maximum(second, _by_entry(limit))
+        # A ratio above that of order four is chance, or an error that changes its sign: it must not make the bound smaller.
         ratio = np.minimum(_by_entry(divisions[-3] - divisions[-2]) / second, _OF_ORDER_FOUR)
         size = _by_entry(limit - before)
+        # A series whose terms do not fall has no limit, and the error no bound.
         return np.where(ratio > 1.0, size / (ratio - 1.0), np.where(size > 0.0, np.inf, 0.0))
 
     def _in_parts(self, duration_s: float, left_s: float, parts: int) -> FloatArray:

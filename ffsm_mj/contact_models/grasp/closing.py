@@ -340,6 +340,7 @@ class ClosedGrasps:
         if attached is latch:
             attached = next((other for other in latches if other.grasped_motion is not None), None)
             if attached is not None and attached.grasped_motion is not None:
+                # A child of the link needs no rows: with both the same motion would be held twice.
                 self._rows.pop(attached.grasp.name)
                 attached.grasped_motion.hold()
         self._set(latches, attached)

@@ -171,8 +171,8 @@ class Bounds:
                 fastest = _MARGIN * max(start[i + 2], end[i + 2])
                 least = 0.5 * (start[i] + end[i] - fastest * duration_s)
             else:
-                # There is no bound on accelerations inside a step. That it bends by no more than its change is a step short
-                # enough for it.
+                # Accelerations inside a step have no bound: a speed is assumed to bend by no more than it changes over the
+                # step.
                 least = min(start[i], end[i]) - abs(start[i] - end[i])
             if least > bound:
                 return False

@@ -273,6 +273,7 @@ class GraspedMotion(Motion):
         data.qpos[self._model_qpos] = free.qpos[self._qpos]
         # Coordinates of the robot are the same in both models; the object's have no place in this one.
         data.qvel[:] = self.model_rates(free.qvel)
+        # Controls and activations have the same places in both models, as :func:`check_grasped_system` makes sure.
         data.ctrl[:], data.act[:], data.time = free.ctrl, free.act, free.time
         # The logged system has no coordinates for the joints of the latch: they follow from the poses of the two bodies.
         self.joints.write_coordinates(free, data.qpos)

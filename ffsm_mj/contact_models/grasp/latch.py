@@ -113,6 +113,7 @@ class Latch:
     def arm(self, time_s: float) -> None:
         """Arm the latch: it may close from now on."""
         self.armed, self._step_start = True, None
+        # A grasp that waits for an impact has no approach to measure.
         self.closest = ClosestApproach(self._bounds, time_s) if self._bounds is not None else None
 
     def disarm(self) -> None:
@@ -166,7 +167,7 @@ class Latch:
 
     def was_clear(self, longest_s: float) -> bool:
         """Whether its bounds were certainly violated throughout the last step, of at most ``longest_s``."""
-        # Not armed by bounds, or armed in this step: there is no path along which they could have been met.
+        # Without bounds nothing closes inside a step; without a start it was not watched in this one.
         if self._bounds is None or self._step_start is None:
             return True
         self._step_end = float(self._data.time), self.sites.vectors(self._data)
@@ -185,9 +186,10 @@ class Latch:
         # was_clear() has evaluated the end of the step, unless an event of another model shortened it since.
         end = self._step_end[1] if self._step_end[0] == self._data.time else self.sites.vectors(self._data)
         rounding, at = self.sites.rounding(self._data), self._along(path)
-        # The state changed discontinuously within the step: the path still knows its start.
+        # After an event or an arming the start has not been evaluated: the path can go back to it.
         start = at(0.0) if self._step_start is None else self._step_start
         self.closest.add_step(start, end, at, duration_s, rounding)
+        # The approach was looked at along the path: the state goes back to the end of the step.
         path.move_to(duration_s)
         self._step_start, self._step_end = end, (math.nan, [])
 

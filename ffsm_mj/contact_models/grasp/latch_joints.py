@@ -122,6 +122,7 @@ class LatchJoints:
         """Rates of the joints as linear functions of ``qvel`` of the system without the grasp, (number of dofs, nv)."""
         axis, free = self.axis(data), []
         for kind in self._joint.joints:
+            # Rows of the relative twist: velocity of the site first, then angular velocity.
             part = np.zeros((3 if kind == "ball" else 1, 6))
             # Rates of a ball joint are along the axes of the object.
             part[:, slice(0, 3) if kind == "slide" else slice(3, 6)] = (

@@ -89,6 +89,7 @@ def linearize_grasp(
     guard, by_state = columns[-1], columns[:-1]
     closed = event.closing(qpos, qvel)
     after = qvel + closed.change
+    # The closing changes no coordinate.
     reset = np.vstack((np.eye(nv, 2 * nv), by_state[:nv]))
     f_before = np.concatenate((qvel, event.acceleration(qpos, qvel, effort_before)))
     f_after = np.concatenate((after, event.closed_acceleration(qpos, after, effort_after)))
@@ -152,6 +153,7 @@ class _Closing(SmoothEvent):
         Their number and span are those of the closing; fixed directions make the rows smooth functions of the state.
         """
         joint, turn = self._grasp.joint, data.site_xmat[self._sites.robot].reshape(3, 3).T
+        # Kinds without an axis stop the same components about any: one is chosen.
         local = stopped_components(joint.kind, np.array(joint.axis or (1.0, 0.0, 0.0)))
         return np.hstack((local[:, :3] @ turn, local[:, 3:] @ turn))
 

@@ -76,6 +76,7 @@ class InterfaceLoad:
         ones.
         """
         applied, grasped, on_object = self._data.qfrc_applied, self._motion.grasped_bodies, np.zeros(6)
+        # The last stage left its forces here; those under the present efforts are put together anew.
         applied.fill(0.0)
         for contact_model in [other for other in self._others if other.active and other.pushes]:
             wrenches = contact_model.wrenches(self._seen)
@@ -165,6 +166,7 @@ class LoadBuffer:
         rows, between = np.frombuffer(b"".join(self._rows)).reshape(-1, _NUMBERS), np.array(self._between)
         self._rows.clear()
         self._between.clear()
+        # An open grasp has no point at which a force acts: NaN, not the origin.
         number, site = rows[:, :1], np.where(rows[:, :1] > 0.0, rows[:, 10:13], np.nan)
         return np.concatenate((number, _loads(rows[:, 1:]), site, between.reshape(-1, 3)), axis=1)
 

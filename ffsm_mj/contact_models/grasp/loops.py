@@ -122,11 +122,14 @@ class LoopExchange:
         self._motion, self._robot = motion, robot_dofs(self._scene.system, motion)
         latches = {i: source for i, source in enumerate(sources) if isinstance(source, LatchedBodies)}
         bodies = [(latch.first, latch.second) for latch in latches.values()]
+        # A grasped object counts as a part of the robot, so a second grasp of it exchanges nothing.
         signs = [exchange_signs(self._scene.system, *both, motion.grasped_bodies) for both in bodies]
         self._signs = np.array(signs).reshape(-1, 3)
         self._places = [*latches]
         self.outside = np.any(self._signs[:, 1:] != 0.0, axis=0)
         self.to_fixed_bodies = np.eye(6) if self.outside.any() else np.empty((0, 6))
+        # Between robot and objects, by a latch or by a coupling of joints; with fixed bodies a latch passes momentum and no
+        # power.
         self._passes_power = bool(self._signs[:, 0].any()) or any(self._couples(source) for source in sources)
         self.crosses = bool(self._signs.any()) or self._passes_power
         self.clear()
@@ -156,6 +159,7 @@ class LoopExchange:
         wrenches = np.empty((len(self._signs), 6))
         for i, wrench in zip(self._places, wrenches, strict=True):
             point, wrench[:3], wrench[3:] = loops.wrench(i, forces)
+            # About the world origin, as the momenta of the balance.
             wrench[3:] += np.cross(point, wrench[:3])
         power = float(generalised[self._robot] @ data.qvel[self._robot])
         # An implicit step evaluates each of its stages repeatedly: the last evaluation counts.
@@ -169,6 +173,7 @@ class LoopExchange:
         forced = self._motion.forced
         if not self.crosses or forced is None:
             return projected
+        # Weights of the tableau that made the step: Radau IIA has three nodes, RK4 four stages.
         weights = duration_s * forced.weights
         # The last entry of all is the evaluation at the end of the step.
         stages = self._stages[-1 - len(weights) : -1]
@@ -462,6 +467,7 @@ class LoopForces(ForceSource):
     def add_forces(self, applied: FloatArray) -> None:
         """Add the generalised forces of the latches under the efforts in ``data``."""
         if self.motion.loops is not None:
+            # At a row of the log efforts are those of the next step, decided after the last stage was evaluated.
             applied += self._under_efforts().generalised
 
     def _under_efforts(self) -> _LoopState:
@@ -526,6 +532,8 @@ def load_signals(model: Any, equality: Equality) -> tuple[Signal, ...]:
         columns = forces + (torques if kind == mujoco.mjtEq.mjEQ_WELD else [])
     else:
         joint = int(model.eq_obj1id[equality.id])
+        # The force of a coupling is in the unit of the coordinate that follows: N m on a hinge, N on a slide or along a
+        # tendon.
         turns = kind == mujoco.mjtEq.mjEQ_JOINT and model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE
         follower = (model.joint if kind == mujoco.mjtEq.mjEQ_JOINT else model.tendon)(joint).name
         size, unit = ("torque_N_m", "N m") if turns else ("force_N", "N")

@@ -78,6 +78,7 @@ class LoadReport:
         if self._alone:
             latch = self._closed.latches[0] if self._closed.latches else None
             return [(self._buffers[0], latch.number if latch is not None else 0, latch)]
+        # Grasps of different sites may be closed at once: each has columns, with its place in the order of closing.
         places = [(latch, self._closed.place(latch)) for latch in self._latches]
         return [
             (buffer, place, latch if place else None) for buffer, (latch, place) in zip(self._buffers, places, strict=True)
@@ -87,6 +88,7 @@ class LoadReport:
         """Record the loads after an event, since they may change discontinuously."""
         for buffer, _, latch in self._now():
             if latch is not None:
+                # The efforts decided at an event act from there on: a peak right after it lies between two rows.
                 buffer.after_event(latch.load, time_s)
 
     def _write(self, _: float) -> None:
@@ -377,6 +379,7 @@ class GraspModel(EventSource, Replayable):
 
     def restore_state(self, events: Sequence[LoggedEvent] = ()) -> Motion | None:
         """Restore the closed grasps from the columns, at the state in ``data``; armed grasps are not logged in columns."""
+        # Arming is not in the columns: the events of the log arm the grasps again.
         self.forget()
         records = [record for event in events for record in event.records if isinstance(record, GraspRecord)]
         self._closed.restore(self._report.logged_as_closed(), records)
@@ -392,6 +395,7 @@ class GraspModel(EventSource, Replayable):
         self.scene.numbers.continue_from(records[0].event)
         self._closing, self._goes_on = [], False
         for record in records:
+            # Records come from a file: an unknown name must not end the analysis without a word.
             if record.grasp not in self._latches:
                 raise ValueError(f"no grasp {record.grasp!r}")
             latch = self._latches[record.grasp]

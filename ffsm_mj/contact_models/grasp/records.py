@@ -203,6 +203,7 @@ def _singular(record: GraspRecord) -> bool:
 
 def _grasp_marks(record: GraspRecord) -> list[Mark]:
     size = math.hypot(*record.impulse_N_s)
+    # Sites at rest to each other need no impulse: it has no direction then.
     along = tuple(x / size for x in record.impulse_N_s) if size else (0.0, 0.0, 0.0)
     return [Mark(record.point_m, along, size, f"{record.grasp}: {size:.4g} N s", record.grasp)]
 
@@ -217,6 +218,7 @@ def _released(record: ReleaseRecord) -> str:
 def _missed(record: NearMissRecord) -> str:
     """The violated bounds at the closest approach, the worst first."""
     beyond = [(getattr(record, name) / bound, name) for name, (bound,) in record.bounds.items()]
+    # A miss may exceed several bounds: all of them are named, as each kept the latch open.
     failed = [f"{_beyond(record, name)} ({ratio:.4g} times)" for ratio, name in sorted(beyond, reverse=True) if ratio > 1.0]
     return f"near miss of {record.grasp!r}: {'; '.join(failed)}; closest approach at t = {record.least_s:.6g} s"
 

@@ -439,7 +439,6 @@ def _frictionless(
     solution = solve_impact(law, problem)
     # Only the change is transformed back from mass-weighted velocities: bodies without impulse keep theirs bit for bit.
     # One contact needs no factor of M: its response to a unit impulse is known.
-    # For one contact this saves a factorisation, which most impacts would pay for nothing.
     if len(J) == 1:
         change = problem.responses[0] * float(solution.impulses[0])
     else:

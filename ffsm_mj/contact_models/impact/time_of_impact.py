@@ -253,6 +253,7 @@ class LimitClearances:
 
     def _set_reach(self, gaps: FloatArray, motion_bound: float) -> None:
         """Begin a new motion bound with these gaps."""
+        # A limit nearer than this is evaluated in any case (:meth:`near`): the bound counts the way until there.
         reach = (gaps[self._watched] - DISTANCE_QUERY_M) / self._per_root_energy[self._watched]
         self.energy_reach = motion_bound + float(reach.min(initial=np.inf))
 
