@@ -257,7 +257,7 @@ cdef class FaceState:
         cdef double[:, ::1] sides = self.group.sides
         cdef Py_ssize_t s
         cdef double distance, least = 0.0
-        # A round cap has no straight sides: the face itself knows its bound.
+        # A disc, which ends at a rim, and a half-space have no straight sides: the face itself knows its bound.
         if not sides.shape[0]:
             return self.group.face.inside(tuple(self.table()[p, LOCAL : LOCAL + 3].tolist()))
         for s in range(sides.shape[0]):

@@ -310,7 +310,8 @@ cdef class SteadyContacts(SteadyForces):
         return 0
 
     cdef bint touches_nowhere_else(self) except -1:
-        # A flat patch whose points are all at zero has no other point below them: the search can be left out.
+        # On three corners of a flat patch two convex bodies are on either side of the face: nothing else of them overlaps
+        # (clearance.py).
         if not self.others or (self.is_level and self.extremes[1] <= _LEVEL_M):
             return True
         return self.closed.clearance.least(self.place, self.extremes[1], self.closed.gaps_of) >= 0.0

@@ -177,8 +177,7 @@ cdef class ActuatorPower:
             self.sums[self.trees[i]] += weight * self.forces[i] * self.rates[i]
         for k in range(self.apart.shape[0]):
             i = self.apart[k]
-            # Their work is entered elsewhere, as that of wheels or external servos: entered twice, the balance would not
-            # close.
+            # Thrusters and servos from outside do external work: entered here too, it would count twice.
             self.sums[self.apart_trees[k]] -= weight * self.force[i] * self.velocity[i]
         if self.outside is not None:
             self.outside.add(weight)
@@ -309,8 +308,7 @@ cdef class ForcedStepper(FreeStepper):
         memcpy(slopes, &self.rates[0], n * sizeof(double))
         memcpy(slopes + n, &self.accelerations[0], n * sizeof(double))
         self.begin_work()
-        # The quadrature of work has the weights of the motion: energy and its balance have one truncation error, which
-        # cancels in the residual.
+        # The quadrature of the work has the weights of the motion: its error is of the order of the step.
         self.add_work(1.0 / 6.0)
         if self.activations is not None:
             self.activations.begin(h)
@@ -423,8 +421,8 @@ cdef class ForcedStepper(FreeStepper):
         if self.stiff is not None:
             for k in range(3):
                 for i in range(self.rates.shape[0]):
-                    # Newton's method is for the residual of the accelerations; what stiff friction has corrected already is
-                    # part of it.
+                    # The residual includes what stiff friction has corrected already, so both corrections lead to one
+                    # solution.
                     self.differences[k, i] = self.nodes[k, 1, i] - self.before[k, 1, i]
             changes = self.stiff.correction(h, self.residuals, self.acting)
             for k in range(3):

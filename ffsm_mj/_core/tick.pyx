@@ -185,9 +185,8 @@ cdef class Sampler:
         """
         cdef int i
         cdef Copy* one
-        # Momentum of the robot and Jacobian of its base: asked for by columns only.
         if self.base >= 0:
-            # Steps do not need these quantities, so MuJoCo does not keep them current.
+            # Steps do not need the momentum of the robot and the Jacobian of its base, so MuJoCo does not keep them current.
             mj.subtreeVel(self.m, self.d)
             mj.jacBody(self.m, self.d, &self.p[0, 0], &self.r[0, 0], self.base)
         if self.tip >= 0:
