@@ -107,7 +107,8 @@ class Clearance:
         near = pair.proximity(self._model, data)
         # Vertices of meshes are known to position_tolerance: an overlap within that has not been passed by a step.
         passed = near.gap < -max(LANDING_DEPTH_M, pair.position_tolerance)
-        # Where the point separates already there is no impact to resolve: an event there would change nothing.
+        # Where the point separates already there is no impact to resolve: an event there would change nothing and recur, up
+        # to the limit of events.
         return near.gap if near.approaches or passed else max(near.gap, 0.0)
 
     def overlapping_features(self, gaps_of: GapsOf) -> list[Feature]:

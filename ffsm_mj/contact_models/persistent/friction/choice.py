@@ -126,8 +126,8 @@ class ModeChoice:
 
     def _without_idle(self, solution: Solution) -> Solution:
         """The solution with points closed that carry no force, where that leaves all else as it is."""
-        # A point without load is closed without force by definition (docs/friction.md). As one that sticks it would be at
-        # the tip of its cone, with a margin that is rounding of either sign.
+        # A point without load is closed without force by definition (docs/friction.md). Taken for one that sticks, it would
+        # have a record of slip at the first load that moves it, although nothing held it before.
         load = np.abs(solution.forces).max(axis=1) * self._problem.inverse_mass
         idle = (solution.kinds != CLOSED) & (load <= self._states.rounding)
         if not idle.any():
