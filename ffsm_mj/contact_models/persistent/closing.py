@@ -59,7 +59,7 @@ def closed_and_still(near: Proximity, still: float) -> bool:
 
 
 def closed_after_change(pairs: ClosedPairs, closed: Collection[UnilateralConstraint]) -> Iterator[ClosingPair]:
-    """Pairs in contact after a change of motion; those in ``held`` were closed before it."""
+    """Pairs in contact after a change of motion; those in ``closed`` were closed before it."""
     for pair, near in pairs:
         # A deeper overlap at release is not a closed contact: the impact model resolves it.
         if abs(near.gap) <= CONTACT_GAP_M:
@@ -70,7 +70,7 @@ def closed_after_change(pairs: ClosedPairs, closed: Collection[UnilateralConstra
 def closed_at(
     scene: Scene, pairs: Sequence[UnilateralConstraint], closed: Sequence[UnilateralConstraint]
 ) -> Iterator[ClosingPair]:
-    """Pairs near contact at the state in ``data``; those in ``held`` were closed before it."""
+    """Pairs near contact at the state in ``data``; those in ``closed`` were closed before it."""
     model, data = scene.system.mj, scene.data
     for pair in pairs:
         # The distance query may be wrong by DISTANCE_QUERY_M: at ten times that it leaves out no pair in contact.
@@ -116,7 +116,7 @@ def points_at_rest(scene: Scene, pair: UnilateralConstraint, near: Proximity, st
 def slow_points(
     scene: Scene, pairs: Sequence[tuple[UnilateralConstraint, Proximity]], closed: Sequence[ContactPoint]
 ) -> list[tuple[ContactPoint, float]]:
-    """Contact points of some pairs that separate slowly, with the rates of their gaps, m/s; without those held already."""
+    """Contact points of some pairs that separate slowly, with the rates of their gaps, m/s; without those closed already."""
     model, data = scene.system.mj, scene.data
     points = [
         ContactPoint(pair, feature)

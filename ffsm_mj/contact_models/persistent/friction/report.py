@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,9 +15,6 @@ from ffsm_mj.contact_models.persistent.friction.pair_friction import PairFrictio
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.signals import CONTACT_WORK, SLIDING_HEAT, Signal, identifier
 from ffsm_mj.state import Stateful
-
-if TYPE_CHECKING:
-    pass
 
 _SIGNALS = (
     ("friction_N", "N", "friction force of {}: sum of the tangential resultants of its pairs; 0 without force"),
