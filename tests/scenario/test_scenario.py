@@ -39,7 +39,7 @@ def faults(*overrides, path=BASELINE):
     ("override", "expected"),
     [
         ("foo=1", "foo: unknown key; allowed: accuracy, actuation, actuators"),
-        ("phases.0.controller.zz=1", "unknown key; allowed: Q, R, joints, kind, null_space_damping, parameterization"),
+        ("phases.0.controller.zz=1", "unknown key; allowed: joints, kind, null_space_damping, parameterization, Q, R"),
         ("actuators.motor_1.kk=1", "unknown key; allowed: delay_s, kind, no_load_speed_rad_s, stall_torque_N_m"),
         ("duration_s='3'", 'duration_s: should be a valid number, got "3"'),
         ("duration_s=true", "duration_s: should be a valid number, got true"),
