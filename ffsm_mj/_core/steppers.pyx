@@ -140,11 +140,8 @@ cdef class ActuatorPower:
         self.forces, self.rates = data.qfrc_actuator, data.qvel
         self.force, self.velocity = data.actuator_force, data.actuator_velocity
 
-    def begin(self):
-        """Begin the sum over the stages of a step."""
-        self.clear()
-
     cdef int clear(self) except -1:
+        """Begin the sum over the stages of a step."""
         if self.outside is not None:
             self.outside.begin()
         memset(&self.sums[0], 0, self.sums.shape[0] * sizeof(double))
@@ -498,10 +495,6 @@ cdef class ForcedStepper(FreeStepper):
         if self.activations is not None:
             self.activations.add(weight)
         return 0
-
-    def move_by(self, const double[:, ::1] increment not None):
-        """Set the state at increments of (rotation vectors and other coordinates, rates) from the start, (2, nv)."""
-        self.set_state(1.0, &increment[0, 0])
 
     cdef void set_state(self, double after_s, const double* slope) noexcept:
         """Set the state reached from the start of the step with constant rates and accelerations, (2, nv)."""

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.dynamics.reach import Reach
+from ffsm_mj.dynamics.rigid_body import rotation_matrix
 from ffsm_mj.log import limits
 from ffsm_mj.log.palette import GREY, ROBOT, WHITE, Colour, mixed, object_colour, shares
 from ffsm_mj.model.system import System
@@ -132,13 +133,6 @@ def rotated(vector: FloatArray, quaternion: FloatArray) -> FloatArray:
     out = np.zeros(3)
     mujoco.mju_rotVecQuat(out, vector, quaternion)
     return out
-
-
-def rotation(quaternion: FloatArray) -> FloatArray:
-    """Rotation matrix of a quaternion, (3, 3)."""
-    out = np.empty(9)
-    mujoco.mju_quat2Mat(out, quaternion)
-    return out.reshape(3, 3)
 
 
 def _slab(size: FloatArray, position: FloatArray, quaternion: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -263,11 +257,11 @@ def _root(model: Any, geom: int) -> int:
 def _covered(model: Any, geom: int, visual: list[int]) -> bool:
     """Whether the bounding boxes of visual geoms of one body cover that of a geom of the same body."""
     around = model.geom_aabb[geom]
-    points = (around[:3] + _GRID * around[3:]) @ rotation(model.geom_quat[geom]).T + model.geom_pos[geom]
+    points = (around[:3] + _GRID * around[3:]) @ rotation_matrix(model.geom_quat[geom]).T + model.geom_pos[geom]
     inside = np.zeros(len(points), dtype=bool)
     for other in visual:
         box = model.geom_aabb[other]
-        local = (points - model.geom_pos[other]) @ rotation(model.geom_quat[other]) - box[:3]
+        local = (points - model.geom_pos[other]) @ rotation_matrix(model.geom_quat[other]) - box[:3]
         inside |= (np.abs(local) <= (1.0 + _MARGIN) * box[3:] + _MARGIN * around[3:].max()).all(axis=1)
     return bool(inside.mean() >= _COVERED)
 
@@ -313,8 +307,8 @@ def box_corners(model: Any, geoms: Iterable[int], positions: FloatArray, quatern
     corners = [np.empty((0, 3))]
     for geom in geoms:
         body, around = int(model.geom_bodyid[geom]), model.geom_aabb[geom]
-        local = (around[:3] + _SIGNS * around[3:]) @ rotation(model.geom_quat[geom]).T + model.geom_pos[geom]
-        corners.append(local @ rotation(quaternions[body]).T + positions[body])
+        local = (around[:3] + _SIGNS * around[3:]) @ rotation_matrix(model.geom_quat[geom]).T + model.geom_pos[geom]
+        corners.append(local @ rotation_matrix(quaternions[body]).T + positions[body])
     return np.vstack(corners)
 
 

@@ -30,6 +30,7 @@ from google.protobuf.duration_pb2 import Duration
 from google.protobuf.timestamp_pb2 import Timestamp
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.dynamics.rigid_body import rotation_matrix
 from ffsm_mj.log import limits
 from ffsm_mj.log.drawing import (
     DrawnShape,
@@ -38,7 +39,6 @@ from ffsm_mj.log.drawing import (
     marker_scale,
     posed_bodies,
     rotated,
-    rotation,
     shapes_by_body,
 )
 from ffsm_mj.log.markers import (
@@ -373,7 +373,7 @@ def _thinned(points: FloatArray) -> FloatArray:
 
 def _placed(shape: DrawnShape, local: FloatArray) -> FloatArray:
     """Transform points from the frame of the geom to that of the body, (n, 3), m."""
-    return np.asarray(local @ rotation(shape.quaternion).T + shape.position)
+    return np.asarray(local @ rotation_matrix(shape.quaternion).T + shape.position)
 
 
 def _edges(shape: DrawnShape) -> list[FloatArray]:

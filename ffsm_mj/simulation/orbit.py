@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from ffsm_mj._core.fields import OrbitalField
 from ffsm_mj._core.tick import BlockSampler, Sampler
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.dynamics.rigid_body import rotation_matrix
 from ffsm_mj.fields.orbit import Orbit
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Columns
@@ -60,7 +62,7 @@ class OrbitSamples:
         self._roots = [tree.root for tree in system.trees]
         for root in self._roots:
             centre = data.subtree_com[int(system.mj.body_rootid[root])]
-            live += [data.xpos[root], data.xquat[root], data.cvel[root], centre]
+            live += [data.xpos[root], data.xmat[root], data.cvel[root], centre]
         self._tables = [np.empty((room, *values.shape)) for values in live]
         sampler = Sampler(system.mj, data)
         sampler.copy(list(zip(live, self._tables, strict=True)))
@@ -83,7 +85,7 @@ class OrbitSamples:
         for i in range(len(self._roots)):
             position, attitude, twist, centre = (table[:used] for table in self._tables[4 * i : 4 * i + 4])
             velocity = twist[:, 3:] + np.cross(twist[:, :3], position - centre)
-            parts += relative_state(axes, spin, position, velocity, attitude, twist[:, :3])
+            parts += relative_state(axes, spin, position, velocity, attitude.reshape(-1, 3, 3), twist[:, :3])
         return np.concatenate(parts, axis=1)
 
 
@@ -93,10 +95,9 @@ def relative_state(axes: FloatArray, spin: FloatArray, *world: FloatArray) -> tu
     Args:
         axes: Axes as columns in world axes, (n, 3, 3).
         spin: Their angular velocity, world axes, rad/s, (n, 3).
-        world: Position, velocity, attitude (w, x, y, z) and angular velocity in world axes, (n, 3), (n, 3), (n, 4), (n, 3).
+        world: Position, velocity, rotation matrix and angular velocity in world axes, (n, 3), (n, 3), (n, 3, 3), (n, 3).
     """
-    position, velocity, attitude, turning = world
-    rotations = _rotations(attitude)
+    position, velocity, rotations, turning = world
     relative = np.einsum("nji,njk->nik", axes, rotations)
     return (
         np.einsum("nji,nj->ni", axes, position),
@@ -109,35 +110,16 @@ def relative_state(axes: FloatArray, spin: FloatArray, *world: FloatArray) -> tu
 def world_state(axes: FloatArray, spin: FloatArray, *relative: FloatArray) -> tuple[FloatArray, ...]:
     """The inverse for one body: position, velocity, attitude in world axes, and angular velocity in the body's axes."""
     position, velocity, attitude, turning = relative
-    rotations = axes @ _rotations(attitude[None])[0]
+    rotations = axes @ rotation_matrix(attitude)
     there = axes @ position
     return there, axes @ velocity + np.cross(spin, there), _quaternions(rotations[None])[0], turning + rotations.T @ spin
 
 
-def _rotations(quaternions: FloatArray) -> FloatArray:
-    """Rotation matrices of unit quaternions (w, x, y, z), (n, 3, 3)."""
-    w, v = quaternions[:, 0, None, None], quaternions[:, 1:]
-    cross = np.zeros((len(v), 3, 3))
-    cross[:, 2, 1], cross[:, 0, 2], cross[:, 1, 0] = v.T
-    cross -= cross.transpose(0, 2, 1)
-    return np.asarray(np.eye(3) + 2.0 * w * cross + 2.0 * cross @ cross)
-
-
 def _quaternions(matrices: FloatArray) -> FloatArray:
-    """Unit quaternions of rotation matrices, w from 0 on, (n, 4); from the largest component, so that none loses digits."""
-    m = matrices
-    trace = np.trace(m, axis1=1, axis2=2)
-    diagonal = np.diagonal(m, axis1=1, axis2=2)
-    squares = np.column_stack((1.0 + trace, 1.0 - trace[:, None] + 2.0 * diagonal))  # four times those of the components
-    off = {(1, 2): m[:, 1, 0] + m[:, 0, 1], (1, 3): m[:, 0, 2] + m[:, 2, 0], (2, 3): m[:, 2, 1] + m[:, 1, 2]}
-    of_w = (m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1])
-    off |= {(0, k + 1): part for k, part in enumerate(of_w)}
-    largest, quaternions = squares.argmax(axis=1), np.empty((len(m), 4))
-    for k in range(4):
-        rows = largest == k
-        root = 0.5 * np.sqrt(squares[rows, k])
-        for j in range(4):
-            quaternions[rows, j] = root if j == k else off[min(j, k), max(j, k)][rows] / (4.0 * root)
+    """Unit quaternions of rotation matrices, w from 0 on, (n, 4)."""
+    quaternions = np.empty((len(matrices), 4))
+    for quaternion, matrix in zip(quaternions, matrices, strict=True):
+        mujoco.mju_mat2Quat(quaternion, matrix.ravel())
     return np.where(quaternions[:, :1] < 0.0, -quaternions, quaternions)
 
 

@@ -9,7 +9,8 @@ import numpy as np
 import rerun as rr
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.log.drawing import DrawnShape, Poser, rotated, rotation, shapes
+from ffsm_mj.dynamics.rigid_body import rotation_matrix
+from ffsm_mj.log.drawing import DrawnShape, Poser, rotated, shapes
 from ffsm_mj.log.markers import SHOWN_S, DrawnMark, MarkSequence, arrow_series, declared_arrows
 from ffsm_mj.log.palette import BLUE, FORCE, GHOST, MARK, ORANGE, PURPLE, SKY, TARGET_ON_DARK, TORQUE, VERMILION
 from ffsm_mj.log.rerun.layout import Opening
@@ -51,7 +52,7 @@ def archetype(shape: DrawnShape) -> Any:
     colour = tuple(round(255 * c) for c in shape.rgba)
     if shape.kind != "mesh":
         return primitive(shape, colour)
-    turn = rotation(shape.quaternion)
+    turn = rotation_matrix(shape.quaternion)
     return rr.Mesh3D(  # without normals it would not be shaded
         vertex_positions=shape.vertices @ turn.T + shape.position,
         vertex_normals=shape.normals @ turn.T,

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import k3d
-import mujoco
 import numpy as np
 import numpy.typing as npt
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.dynamics.rigid_body import rotation_matrix
 from ffsm_mj.errors import one_line
 from ffsm_mj.log import palette
 from ffsm_mj.log.drawing import (
@@ -273,10 +273,8 @@ def _bodies(subject: Subject, poses: Poses) -> Iterator[Any]:
 def _matrices(poses: Poses, body: int) -> Any:
     """Pose of a body over time, or one constant pose if it never moves."""
     matrices = np.tile(np.eye(4), (len(poses.times), 1, 1))
-    turn = np.empty(9)
     for matrix, quaternion in zip(matrices, poses.quaternions[:, body], strict=True):
-        mujoco.mju_quat2Mat(turn, quaternion)
-        matrix[:3, :3] = turn.reshape(3, 3)
+        matrix[:3, :3] = rotation_matrix(quaternion)
     matrices[:, :3, 3] = poses.positions[:, body]
     return _over_time(poses, single(matrices))
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 import numpy.typing as npt
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.dynamics.rigid_body import rotation_matrix
 from ffsm_mj.log.drawing import DrawnShape
 
 _AROUND, _ALONG = 40, 12
@@ -33,9 +33,7 @@ def triangles(shape: DrawnShape) -> Triangles:
         corners, faces = joined([_revolved(profile) for profile in _profiles(shape)])
     if shape.kind == "ellipsoid":
         corners = corners * shape.size
-    rotation = np.empty(9)
-    mujoco.mju_quat2Mat(rotation, shape.quaternion)
-    return corners @ rotation.reshape(3, 3).T + shape.position, faces
+    return corners @ rotation_matrix(shape.quaternion).T + shape.position, faces
 
 
 def arrow_solid(scale: float) -> Triangles:
