@@ -33,6 +33,7 @@ from ffsm_mj.dynamics.stiff_actuators import StiffActuators
 from ffsm_mj.errors import Fault, Faults, ScenarioFaults
 from ffsm_mj.fields.interface import Field, field_of
 from ffsm_mj.fields.orbit import Orbit
+from ffsm_mj.fields.surroundings import Surroundings
 from ffsm_mj.log.recorder import RECORDED_ROWS
 from ffsm_mj.model.actuators import has_servos
 from ffsm_mj.model.inputs import controller_of, further_inputs
@@ -270,6 +271,15 @@ def external_fields(scenario: ScenarioConfig, scene: Scene) -> ExternalFields | 
     return fields
 
 
+def surroundings_of(around: EnvironmentConfig | None, fields: ExternalFields | None) -> Surroundings:
+    """What the sensors of a scenario know of its surroundings."""
+    orbit = around.orbit if around is not None else None
+    return Surroundings(
+        Orbit.of(orbit, around.world_axes) if around is not None and orbit is not None else None,
+        () if fields is None else fields.acting,
+    )
+
+
 def environment_metadata(around: EnvironmentConfig | None) -> dict[str, str]:
     """Metadata of the orbit of a scenario."""
     if around is None:
@@ -358,7 +368,7 @@ def build_plant(
     integrator.control = step_control(scenario, system, data, balance, motion)
     tip = (task.tip_site, task.axes, task.motion) if task is not None else (None,)
     state = StateSignals(system, data, *tip)
-    sampler = _sampler(scenario, scene, integrator, pairs)
+    sampler = _sampler(scenario, scene, integrator, pairs, surroundings_of(scenario.environment, fields))
     return Plant(scene, actuation, integrator, balance, state, sampler, control)
 
 
@@ -386,7 +396,11 @@ def _delayed_control(scenario: ScenarioConfig, scene: Scene, actuation: Actuatio
 
 
 def _sampler(
-    scenario: ScenarioConfig, scene: Scene, integrator: EventDrivenIntegrator, pairs: tuple[ContactPair, ...]
+    scenario: ScenarioConfig,
+    scene: Scene,
+    integrator: EventDrivenIntegrator,
+    pairs: tuple[ContactPair, ...],
+    surroundings: Surroundings,
 ) -> SensorSampler | None:
     """Sensors of the models; None: there are none.
 
@@ -405,6 +419,7 @@ def _sampler(
         lambda: integrator.motion,
         integrator.wrenches,
         integrator.contacts,
+        surroundings,
         seed=scenario.seed,
         time_step_s=scenario.time_step_s,
         bodies_of={pair.name: (pair.body_a, pair.body_b) for pair in pairs},

@@ -13,6 +13,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from ffsm_mj._core.fields import Bodies
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.config import StrictModel
 from ffsm_mj.errors import InputError
 from ffsm_mj.plugins import Plugins
@@ -52,6 +53,17 @@ class Field:
             bodies: The moving bodies with their poses and twists at that time, world axes.
         """
         raise NotImplementedError
+
+    def free_fall(self, time_s: float, position_m: FloatArray) -> FloatArray:  # noqa: ARG002
+        """Acceleration that it gives any mass at a position, which accelerometers there do not feel, m/s^2, (3,).
+
+        Zero, the default, for forces that are no gravitation, such as drag: accelerometers feel them.
+
+        Args:
+            time_s: Time.
+            position_m: Position in world axes, (3,).
+        """
+        return np.zeros(3)
 
 
 def _check(field: type[Field]) -> None:
@@ -95,8 +107,13 @@ class Uniform(Field):
 
     def __init__(self, config: Config, bodies: Bodies) -> None:
         """Weigh the bodies."""
-        self._force = np.outer(bodies.mass_kg, config.acceleration_m_s2)
+        self._acceleration = np.array(config.acceleration_m_s2)
+        self._force = np.outer(bodies.mass_kg, self._acceleration)
 
     def add_wrenches(self, time_s: float, bodies: Bodies) -> None:  # noqa: ARG002
         """Add mass times acceleration."""
         bodies.force_N += self._force
+
+    def free_fall(self, time_s: float, position_m: FloatArray) -> FloatArray:  # noqa: ARG002
+        """The acceleration, at any place."""
+        return self._acceleration

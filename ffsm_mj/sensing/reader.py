@@ -11,6 +11,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import cross
+from ffsm_mj.fields.surroundings import Surroundings
 from ffsm_mj.records.contact_forces import ActiveContact, Wrench
 from ffsm_mj.sensing.sensor import Sensor
 
@@ -29,33 +30,43 @@ class _Evaluation(NamedTuple):
         stages: Functions of MuJoCo that evaluate them, in order.
         forces: Whether forces of contact models are needed there.
         touch: Values of touch sensors and their sites.
+        inertial: Values of accelerometers and their sites.
     """
 
     stages: tuple[Callable[[Any, Any], None], ...]
     forces: bool
     touch: tuple[tuple[slice, int], ...]
+    inertial: tuple[tuple[slice, int], ...]
 
 
 class SensorReader:
     """Evaluates sensors of the model of a motion, of some groups at a time.
 
     Forces and torques at a site are those that the body of the site passes on to its parent, from the accelerations of all
-    bodies beyond and the contact forces on them. A touch sensor adds the normal forces whose points are inside its site.
+    bodies beyond and the contact forces and external fields on them. A touch sensor adds the normal forces whose points are
+    inside its site. An accelerometer measures specific force: its acceleration less that of a free mass at its site.
 
     Attributes:
         parts: Values of each group among those of all.
     """
 
-    def __init__(self, groups: Sequence[Sequence[Sensor]], motion: Motion, bodies_of: dict[str, tuple[int, int]]) -> None:
+    def __init__(
+        self,
+        groups: Sequence[Sequence[Sensor]],
+        motion: Motion,
+        bodies_of: dict[str, tuple[int, int]],
+        surroundings: Surroundings,
+    ) -> None:
         """Bind to a motion.
 
         Args:
             groups: Groups of sensors, in the order of the values.
             motion: The motion; while an object is grasped, its model has the same sensors in another order.
             bodies_of: Bodies of the two geoms of each pair by its name, ids in the logged system.
+            surroundings: What surrounds the scene.
         """
         self._model, self._data, self._motion, self._bodies_of = motion.model, motion.data, motion, bodies_of
-        self._values = motion.data.sensordata
+        self._values, self._surroundings = motion.data.sensordata, surroundings
         self._groups = tuple(tuple(group) for group in groups)
         self.parts: list[slice] = []
         self._parts: dict[str, slice] = {}
@@ -108,6 +119,10 @@ class SensorReader:
             whole = self._missing.copy()
             whole[self._there] = values
             values = whole
+        for part, site in evaluation.inertial:
+            # MuJoCo's reading has the uniform gravity of the model taken off, but no field: they are applied forces there.
+            fall = self._surroundings.free_fall(self._data.time, self._data.site_xpos[site])
+            values[part] -= fall @ self._data.site_xmat[site].reshape(3, 3)
         if evaluation.touch:
             closed = contacts()
             for part, site in evaluation.touch:
@@ -119,15 +134,19 @@ class SensorReader:
         readings = [(sensor, self._id(sensor)) for g in due for sensor in self._groups[g]]
         there = [(sensor, number) for sensor, number in readings if number >= 0]
         needed = {int(self._model.sensor_needstage[number]) for _, number in there}
-        touch = [
-            (self._parts[sensor.name], int(self._model.sensor_objid[number]))
-            for sensor, number in there
-            if sensor.model.kind == "touch"
-        ]
+        at_sites = {
+            kind: tuple(
+                (self._parts[sensor.name], int(self._model.sensor_objid[number]))
+                for sensor, number in there
+                if sensor.model.kind == kind
+            )
+            for kind in ("touch", "accelerometer")
+        }
         return _Evaluation(
             tuple(evaluate for stage, evaluate in _STAGES.items() if stage in needed),
             any(sensor.sums for sensor, _ in there),
-            tuple(touch),
+            at_sites["touch"],
+            at_sites["accelerometer"],
         )
 
     def _evaluate(self, evaluation: _Evaluation, wrenches: Sequence[Wrench]) -> None:

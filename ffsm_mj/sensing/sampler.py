@@ -12,6 +12,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.dynamics.motion import Motion
+from ffsm_mj.fields.surroundings import Surroundings
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.contact_forces import ActiveContact, Wrench
@@ -51,6 +52,7 @@ class SensorSampler(Stateful):
         motion: Callable[[], Motion],
         wrenches: Callable[[], Sequence[Wrench]],
         contacts: Callable[[], Sequence[ActiveContact]],
+        surroundings: Surroundings,
         *,
         seed: int,
         time_step_s: float,
@@ -65,6 +67,7 @@ class SensorSampler(Stateful):
             motion: The current motion.
             wrenches: Forces of contact models on bodies at the state in ``data``.
             contacts: Closed contacts there.
+            surroundings: What surrounds the scene.
             seed: Seed of the run's noise.
             time_step_s: Integration step, s.
             bodies_of: See :class:`~ffsm_mj.sensing.reader.SensorReader`.
@@ -72,6 +75,7 @@ class SensorSampler(Stateful):
         self._sensors, self._system, self._data = tuple(sensors), system, data
         self.by_name = {sensor.name: sensor for sensor in sensors}
         self._current_motion, self._wrenches, self._contacts = motion, wrenches, contacts
+        self._surroundings = surroundings
         self._motion: Motion | None = None
         self._impulses: ImpulseReader | None = None
         self._time_step_s, self._bodies_of = time_step_s, bodies_of
@@ -92,7 +96,8 @@ class SensorSampler(Stateful):
     def _bind(self, motion: Motion) -> None:
         """Sample another motion from now on."""
         self._motion = motion
-        self._reader = SensorReader([group.sensors for group in self._groups], motion, self._bodies_of)
+        groups = [group.sensors for group in self._groups]
+        self._reader = SensorReader(groups, motion, self._bodies_of, self._surroundings)
         self._views = [tuple(self._views_of(group, motion.model)) for group in self._groups]
         self._backups = [(motion.model, motion.data, mujoco.MjData(motion.model))]
         if motion.data is not self._data:

@@ -37,6 +37,7 @@ class ExternalFields(ForceSource):
 
     Attributes:
         done: Work and impulse (P, L about the world origin) in the last (sub-)step, J, N s and N m s, (trees, 7).
+        acting: The fields that are not of the core.
         forces: The forces in the current motion.
     """
 
@@ -47,6 +48,7 @@ class ExternalFields(ForceSource):
     def __init__(self, scene: Scene, fields: Sequence[Field], *compiled: CompiledField) -> None:
         """Act on the bodies of a scene; the fields of the core are without memory."""
         super().__init__(scene)
+        self.acting = tuple(fields)
         self._fields: tuple[Field | CompiledField, ...] = (*compiled, *fields)
         self.done = np.zeros((len(scene.system.trees), 7))
         self._stateful = {
