@@ -31,29 +31,21 @@ class ContactInterval:
     """Interval in which at least one pair of a contact rule is closed."""
 
     rule: str = declared("Name of the contact rule.")
-    pairs: tuple[str, ...] = declared(
-        "Names of its pairs that were closed in the interval, in the order of their closing.",
-        column="names of its pairs that were closed in the interval",
-    )
-    start_s: float = declared(
-        "Time at which the first pair closed: that of its first impact.", column="time at which the first pair closes"
-    )
+    pairs: tuple[str, ...] = declared("Names of its pairs that were closed in the interval, in the order of their closing.")
+    start_s: float = declared("Time at which the first pair closed: that of its first impact.")
     end_s: float | None = declared(
-        "Time at which the last one opened; None if one is closed at the end of the log.",
-        column="time at which the last one opens; NaN if one is closed at the end of the log",
+        "Time at which the last one opened; None, NaN in tables, if one is closed at the end of the log."
     )
     impulse_N_s: float = declared("Integral of the contact force over the interval.")
     peak_force_N: float = declared("Greatest contact force of the samples and events in the interval.")
     peak_force_s: float = declared("Time of the greatest force.")
     sliding_s: float = declared(
         "Time in the interval for which a pair slides under friction; 0 without friction.",
-        column="time in the interval for which a pair slides under friction",
         default=0.0,
     )
     slip_m: float = declared("Slip distance under friction over the interval.", default=0.0)
     peak_friction_use: float = declared(
         "Greatest share of the friction limit that the samples in the interval use; 1 if they slide.",
-        column="greatest share of the friction limit that the samples in the interval use",
         default=0.0,
     )
 
@@ -215,22 +207,13 @@ class GraspInterval:
     grasp: str = declared("Name of the grasp.")
     time_s: float = declared("Time of closing.")
     release_s: float | None = declared(
-        "Time of the release, or at which another grasp of the same two sites takes over; None if the grasp is closed at "
-        "the end of the log.",
-        column="time of the release, or at which another grasp takes over; NaN if closed at the end of the log",
+        "Time of the release, or at which another grasp of the same two sites takes over; None, NaN in tables, if the grasp "
+        "is closed at the end of the log.",
     )
     loss_J: float = declared("Kinetic energy lost at closing.")
-    impulse: Values = declared(
-        "Impulse on the object at closing, world axes.",
-        column="impulse on the object at closing, world frame",
-        unit="N s",
-        components="xyz",
-    )
+    impulse: Values = declared("Impulse on the object at closing in world axes.", unit="N s", components="xyz")
     peak_force_N: float = declared("Greatest force on the object in the interval, of the samples and right after events.")
-    peak_torque_N_m: float = declared(
-        "Greatest torque on the object about its site, likewise.",
-        column="greatest torque on the object about its site in the interval, likewise",
-    )
+    peak_torque_N_m: float = declared("Greatest torque on the object about its site in the interval, likewise.")
     peak_s: float = declared("Time of the greatest force.")
 
 

@@ -54,105 +54,80 @@ class RunEnded(Exception):
         super().__init__(self.message)
 
 
-STEP = Meaning("Index of the integration step, from 0.", column=None)
+EVENT = Meaning("Event number, counted from 0 over all contact models but impacts; what changes together shares it.")
+STEP = Meaning("Index of the integration step, from 0.", column=False)
 QPOS = Meaning("Configuration, in the order of the sample's ``q_`` fields.")
 QVEL = Meaning("Generalised velocity, by joint.")
 QVEL_UNCHANGED = Meaning("Equal to ``qvel_before``.")
+QVEL_KEPT = Meaning("Generalised velocity after, by joint; equal to ``qvel_before`` up to rounding.")
+EFFORTS_KEPT = Meaning("Effort by actuator at the event; the controller is not evaluated.")
 QVEL_BEFORE = Meaning("Generalised velocity before, by joint.")
 QVEL_AFTER = Meaning("Generalised velocity after, by joint.")
 ENERGY_BEFORE = Meaning("Kinetic energy before, by subsystem: total, robot, objects.", entries={"total": 1})
 ENERGY_AFTER = Meaning("Kinetic energy after, by subsystem.", entries={"total": 1})
 
-IMPACT_STEP = Meaning("Integration step of the impact, from 0.", column=None)
-THETA = Meaning(
-    "Factor on the restitution applied by the energy guard; 1 if it was not needed.",
-    column="factor by which the energy guard reduced the restitution; 1 if it was not needed",
-)
+IMPACT_EVENT = Meaning("Number of the impact, from 0; contacts of geoms and joint limits at one instant share it.")
+ANCHOR = Meaning("Anchor of the joint in world axes.", components="xyz")
+AXIS = Meaning("Unit vector along the joint's axis in world axes, in the sense of the force or impulse.", components="xyz")
+SIDE = Meaning("``lower`` or ``upper`` limit.")
+LIMIT = Meaning("Value of the limit, rad or m.")
+GEOMS = Meaning("Geoms a and b of the pair; the normal points from a to b.", components="ab")
+THETA = Meaning("Factor by which the energy guard reduced the restitution; 1 if it was not needed.")
 MOMENTUM_BEFORE = Meaning(
     "P and L about the world origin before, six numbers, in N s and N m s, of the total.", entries={"total": 6}
 )
 MOMENTUM_AFTER = Meaning("P and L about the world origin after.", entries={"total": 6})
+ENERGY_CHANGE = Meaning("Change of the total kinetic energy.")
+LINEAR_CHANGE = Meaning("Norm of the change of the total linear momentum: rounding, or impulses of fixed bodies.")
+ANGULAR_CHANGE = Meaning("Norm of the change of the total angular momentum about the world origin; likewise.")
 
 
 @record
 class ImpactRecord:
     """One contact of an impact; contacts at one instant share ``event`` and the states before and after."""
 
-    event: int = declared(
-        "Number of the impact, from 0.", column="number of the impact, from 0; contacts at one instant share it"
-    )
-    time_s: float = declared("Time of the impact.", column="simulation time")
-    step: int = declared(IMPACT_STEP)
-    pair: str = declared("Name of the pair of geoms.", column="name of the pair of geoms that touch")
-    geoms: tuple[str, ...] = declared(
-        "Geoms a and b.", column="geom of the pair; the normal points from a to b", components="ab"
-    )
-    robot_geom: str = declared(
-        "Geom a if it is of the robot and b of an object, floating or fixed; else empty.",
-        column="geom a if the robot touches an object, else empty",
-    )
-    object_geom: str = declared(
-        "Geom b if it is of an object, floating or fixed, and a of the robot; else empty.",
-        column="geom b if the robot touches an object, else empty",
-    )
+    event: int = declared(IMPACT_EVENT)
+    time_s: float = declared("Time of the impact.")
+    step: int = declared(STEP)
+    pair: str = declared("Name of the pair of geoms.")
+    geoms: tuple[str, ...] = declared(GEOMS)
+    robot_geom: str = declared("Geom a if it is of the robot and b of an object, floating or fixed; else empty.")
+    object_geom: str = declared("Geom b if it is of an object, floating or fixed, and a of the robot; else empty.")
     point_m: Values = declared(
-        "Contact point, the midpoint of the witness points, in world axes.",
-        column="contact point, world frame",
-        components="xyz",
-        after="dropped_flights_s",
+        "Contact point, the midpoint of the witness points, in world axes.", components="xyz", after="dropped_flights_s"
     )
-    normal: Values = declared(
-        "Unit normal in world axes, from a to b.",
-        column="normal from a to b, world frame",
-        components="xyz",
-        after="point_m",
-    )
+    normal: Values = declared("Unit normal in world axes, from a to b.", components="xyz", after="point_m")
     manifold: str = declared("``point``, ``edge`` or ``face``.")
     law: str = declared(
-        "Impact law of the result; with friction ``stronge`` (one contact), ``coulomb`` or ``poisson`` (several).",
-        column="impact law that gave the result",
+        "Impact law of the result; with friction ``stronge`` (one contact), ``coulomb`` or ``poisson`` (several)."
     )
     status: str = declared(
         "``ok``; ``energy_guard``: restitution reduced by ``theta`` to prevent a gain of energy; ``jammed``: bodies "
-        "squeezed without clearance, no elastic solution exists and energy was lost; ``wedged``: one self-locking contact.",
-        column="status of the solution: ok, energy_guard, jammed or wedged",
+        "squeezed without clearance, no elastic solution exists and energy was lost; ``wedged``: one self-locking contact."
     )
     restitution: float = declared("Coefficient of restitution of the pair.")
     restitution_used: float = declared(
-        "Coefficient that was applied: 0 if the contact comes to rest and becomes persistent.",
-        column="coefficient of restitution that was used: 0 if the contact comes to rest",
+        "Coefficient of restitution that was applied: 0 if the contact comes to rest and becomes persistent."
     )
     dropped_gap_m: float = declared(
-        "If the contact comes to rest, the greatest gap of the bounces that were skipped; else 0.",
-        column="if the contact comes to rest: highest gap of the omitted flights",
+        "If the contact comes to rest, the greatest gap of the bounces that were skipped; else 0."
     )
     dropped_flights_s: float = declared(
-        "Total duration of the skipped bounces, by which the contact rests too early; else 0.",
-        column="total duration of the omitted flights",
+        "Total duration of the skipped bounces, by which the contact rests too early; else 0."
     )
-    approach_speed_m_s: float = declared(
-        "Speed of approach along the normal before the impact.", column="approach speed along the normal before the impact"
-    )
-    separation_speed_m_s: float = declared(
-        "Speed of separation along the normal after the impact.", column="separation speed along the normal after the impact"
-    )
-    impulse_N_s: float = declared("Normal impulse on b.", column="impulse on b along the normal")
+    approach_speed_m_s: float = declared("Speed of approach along the normal before the impact.")
+    separation_speed_m_s: float = declared("Speed of separation along the normal after the impact.")
+    impulse_N_s: float = declared("Normal impulse on b.")
     angular_impulse_N_m_s: Values = declared(
         "Moment of the impulse on b, friction included, in world axes, about the centre of mass of the robot or object that "
         "b belongs to, or about the origin of its model's frame if that is fixed.",
-        column="angular impulse on b, with friction, about the centre of mass of its robot or object; if fixed, its "
-        "model's origin",
         components="xyz",
     )
     mu: float = declared("Coefficient of friction of the pair.")
     normal_work_J: float = declared(
-        "Work of the normal impulse; for one contact the integral of its speed over its impulse.",
-        column="work of the normal impulse",
+        "Work of the normal impulse; for one contact the integral of its speed over its impulse."
     )
-    gap_m: float = declared(
-        "Distance of the geoms at the event; zero within the tolerance of the root finder.",
-        column="signed distance at the event",
-    )
+    gap_m: float = declared("Signed distance of the geoms at the event; zero within the tolerance of the root finder.")
     qpos: Values = declared("Configuration, unchanged by the impact, in the order of the sample's ``q_`` fields.")
     qvel_before: ByName = declared(QVEL_BEFORE)
     qvel_after: ByName = declared(QVEL_AFTER)
@@ -160,22 +135,13 @@ class ImpactRecord:
     energy_after_J: ByName = declared(ENERGY_AFTER)
     momentum_before: ByName = declared(MOMENTUM_BEFORE)
     momentum_after: ByName = declared(MOMENTUM_AFTER)
-    energy_change_J: float = declared(
-        "Change of the total kinetic energy.", column="kinetic energy gained by the whole system"
-    )
-    linear_momentum_change_N_s: float = declared(
-        "Norm of the change of the total linear momentum: rounding, or impulses of fixed bodies.",
-        column="norm of the change of the whole system's linear momentum",
-    )
-    angular_momentum_change_N_m_s: float = declared(
-        "Norm of the change of the total angular momentum about the world origin; likewise.",
-        column="norm of the change of the whole system's angular momentum about the origin",
-    )
+    energy_change_J: float = declared(ENERGY_CHANGE)
+    linear_momentum_change_N_s: float = declared(LINEAR_CHANGE)
+    angular_momentum_change_N_m_s: float = declared(ANGULAR_CHANGE)
     theta: float = declared(THETA, after="status", default=1.0)
     tangential_impulse_N_s: Values = declared(
         "Friction impulse on b in world axes, tangential. Without friction it is zero, as are ``slip_before_m_s``, "
         "``slip_after_m_s``, ``friction_work_J`` and ``compression_work_J``; ``path`` is empty.",
-        column="friction impulse on b, world frame",
         components="xyz",
         after="mu",
         default=(0.0, 0.0, 0.0),
@@ -183,39 +149,32 @@ class ImpactRecord:
     slip_before_m_s: Values = declared(
         "Tangential velocity of b relative to a at the point before the impact, in world axes; not computed "
         "(zero) if no contact of the impact has friction.",
-        column="tangential velocity of b relative to a before, world frame; zero without friction",
         components="xyz",
         after="tangential_impulse_N_s",
         default=(0.0, 0.0, 0.0),
     )
     slip_after_m_s: Values = declared(
-        "Tangential velocity after the impact.",
-        column="tangential velocity of b relative to a after, world frame; zero without friction",
+        "Tangential velocity after the impact, likewise.",
         components="xyz",
         after="slip_before_m_s",
         default=(0.0, 0.0, 0.0),
     )
     path: str = declared(
         "Contact modes in order: ``slip``, ``stick``, ``reverse slip``; empty without friction.",
-        column="sequence of slip, stick and reverse slip during the impact",
         after="slip_after_m_s",
         default="",
     )
     friction_work_J: float = declared(
         "Work of friction; <= 0 for one contact. For several, its split from normal work is a convention.",
-        column="work of the friction impulse",
         after="normal_work_J",
         default=0.0,
     )
     compression_work_J: float = declared(
         "Work of the normal impulse until the end of compression, <= 0 for one contact with friction.",
-        column="work of the normal impulse until the end of compression; contacts with friction only",
         after="friction_work_J",
         default=0.0,
     )
-    rule: str = declared(
-        "Name of the contact rule of the pair.", column="name of its contact rule", after="pair", default=""
-    )
+    rule: str = declared("Name of the contact rule of the pair.", after="pair", default="")
     efforts_after: ByName = declared(
         "Effort by actuator from the impact on, as the controller decided then; efforts are off during it.",
         default_factory=dict,
@@ -226,13 +185,12 @@ class ImpactRecord:
 class PhaseRecord:
     """A phase begins."""
 
-    index: int = declared("Position of the phase in the scenario, from 0.", column="position in the scenario, from 0")
+    index: int = declared("Position of the phase in the scenario, from 0.")
     name: str = declared("Name of the phase.")
     controller: str = declared("Kind of its controller.")
-    start_s: float = declared("Time at which it begins.", column="when it begins")
+    start_s: float = declared("Time at which it begins.")
     reason: str = declared(
-        "``start``, ``time``, ``settled``, ``finished``, or the record that ended the previous phase, e.g. ``impact``.",
-        column="why it begins",
+        "Why it begins: ``start``, ``time``, ``settled``, ``finished``, or the kind of record that ended the previous phase."
     )
 
 
@@ -251,12 +209,10 @@ class InternalErrorRecord:
     """An exception that ended the run: a bug of ffsm-mj or of a plug-in, not a property of the motion."""
 
     time_s: float = declared("Simulation time at the last event or step end before it.")
-    step: int = declared("Integration step in which it was raised, from 0.", column="integration step, from 0")
-    error: str = declared("Type and text of the exception, on one line.", column="type and text of the exception")
+    step: int = declared("Integration step in which it was raised, from 0.")
+    error: str = declared("Type and text of the exception, on one line.")
     where: str = declared("File, line and function that raised it.")
-    traceback: str = declared(
-        "Python's traceback, with paths relative to where packages are installed.", column="Python's traceback"
-    )
+    traceback: str = declared("Python's traceback, with paths relative to where packages are installed.")
 
 
 @record

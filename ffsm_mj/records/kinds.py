@@ -213,8 +213,6 @@ def faults(kind: RecordKind) -> Iterator[str]:
             yield f"{name} has components, but one value"
         if meaning.entries and get_origin(hint) is not Mapping:
             yield f"{name} has entries, but is no mapping"
-        if meaning.column and not meaning.components and hint not in (*ONE_VALUE, tuple[str, ...]):
-            yield f"a table cannot show {name} in one column"
         if meaning.after and meaning.after not in known.keys() - {name}:
             yield f"there is no field {meaning.after} for {name} to come after"
     if kind.plural and not kind.columns:

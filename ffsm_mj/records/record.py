@@ -1,13 +1,13 @@
 """Declaration of a record: a frozen dataclass whose fields say once what they mean, and how logs and tables show them.
 
 Fields are logged in the order of declaration (protobuf numbers), so new ones go last; ``after`` gives a field another place
-in tables. A name ends in its unit. Fields with one value, those with components that have a letter each, and others whose
-column has a text are columns of the table of the record::
+in tables. A name ends in its unit. Fields with one value, texts, and values that have a letter each are columns of the table
+of the record, unless ``column=False``::
 
     @record
     class Grip:
         point_m: Values = declared("Where they touch, in world axes.", components="xyz")  # point_x_m, point_y_m, point_z_m
-        time_s: float = declared("Time of the grip.", column="simulation time")
+        time_s: float = declared("Time of the grip.")
         wrench: ByName = declared("Force and moment about the point, by body, N and N m.", entries={"gripper": 6})
 """
 
@@ -26,6 +26,7 @@ ByName = Mapping[str, Values]
 """Numbers by the name of the joint, actuator or subsystem that has them."""
 ONE_VALUE = (float, int, str)
 """Types of a field with one value."""
+_IN_ONE_COLUMN = (*ONE_VALUE, float | None, tuple[str, ...])
 
 _MEANING = "meaning"
 _Record = TypeVar("_Record")
@@ -37,7 +38,7 @@ class Meaning:
 
     Attributes:
         text: A sentence or phrase, with the frame of a vector and a unit that the name does not end in.
-        column: The text of its columns in tables, where it is another one; None: tables do not show the field.
+        column: Whether tables show the field, if they can.
         unit: Its unit, if the name does not end in it.
         components: A letter for each of its values, if their number is fixed: ``xyz``.
         entries: The numbers of values of entries of a mapping, by the name of the entry.
@@ -45,7 +46,7 @@ class Meaning:
     """
 
     text: str
-    column: str | None = ""
+    column: bool = True
     unit: str = ""
     components: str = ""
     entries: Mapping[str, int] = field(default_factory=dict)
@@ -53,14 +54,17 @@ class Meaning:
 
     @property
     def column_text(self) -> str:
-        """The text of its columns."""
-        return self.column or (self.text[:1].lower() + self.text[1:].rstrip(".")).replace("``", "")
+        """The text of its columns: a phrase, as those of signals."""
+        return (self.text[:1].lower() + self.text[1:].rstrip(".")).replace("``", "")
+
+
+_PLAIN = Meaning("")
 
 
 def declared(
     meaning: str | Meaning,
     *,
-    column: str | None = "",
+    column: bool = True,
     unit: str = "",
     components: str = "",
     entries: Mapping[str, int] = MappingProxyType({}),
@@ -70,7 +74,7 @@ def declared(
 ) -> Any:
     """Declare a field of a record by the parts of its :class:`Meaning`, or by one that is shared and parts that differ."""
     parts = {"column": column, "unit": unit, "components": components, "entries": entries, "after": after}
-    stated: dict[str, Any] = {name: part for name, part in parts.items() if part or part is None}
+    stated: dict[str, Any] = {name: part for name, part in parts.items() if part != getattr(_PLAIN, name)}
     complete = replace(Meaning(meaning) if isinstance(meaning, str) else meaning, **stated)
     return field(metadata={_MEANING: complete}, default=default, default_factory=default_factory)
 
@@ -117,7 +121,7 @@ def columns_of(of: type) -> dict[str, tuple[str, str]]:
     return {
         _column(name, meaning.components): (meaning.unit or unit_of(name), meaning.column_text)
         for name, meaning in ordered.items()
-        if meaning.column is not None and (meaning.column or meaning.components or hints[name] in ONE_VALUE)
+        if meaning.column and (meaning.components or hints[name] in _IN_ONE_COLUMN)
     }
 
 

@@ -56,7 +56,6 @@ class EffortChange:
     step: int = declared("Index of the integration step, from 0.")
     cause: str = declared(
         "``command arrives`` after its delay, or ``late tick``: the control law was called late.",
-        column="command arrives, or late tick",
     )
     qpos: Values = declared(QPOS)
     qvel_before: ByName = declared(QVEL)

@@ -23,10 +23,10 @@ from ffsm_mj.records.signals import momentum_keys
 class Grip:
     """Two geoms grip each other."""
 
-    time_s: float = declared("Time at which the grip starts or ends.", column="when")
-    geoms: tuple[str, ...] = declared("The two geoms.", column="a geom", components="ab")
-    point_m: Values = declared("Position in world axes.", column="where", components="xyz")
-    holds: int = declared("1 if the grip starts, 0 if it ends.", column="whether")
+    time_s: float = declared("Time at which the grip starts or ends.")
+    geoms: tuple[str, ...] = declared("The two geoms.", components="ab")
+    point_m: Values = declared("Position in world axes.", components="xyz")
+    holds: int = declared("1 if the grip starts, 0 if it ends.")
     wrench_N: ByName = declared("Force and moment by body.", entries={"ball": 2})
     words: Mapping[str, str] = declared("Texts by name.")
 

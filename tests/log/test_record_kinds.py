@@ -151,7 +151,7 @@ def test_a_record_is_a_table_for_other_tools(plain_run, tmp_path, capsys):
     ]
     assert main(["export", str(out), "--parquet", "--table", "grips"]) == 0
     field = pyarrow.parquet.read_table(out / "grips.parquet").schema.field("point_z_m")
-    assert field.metadata == {b"unit": b"m", b"description": b"where"}
+    assert field.metadata == {b"unit": b"m", b"description": b"position in world axes"}
     recorded(plain_run, tmp_path / "none", kinds=())
     assert main(["export", str(tmp_path / "none"), "--csv", "--table", "grips"]) == 2
     known = (

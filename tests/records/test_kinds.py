@@ -97,9 +97,8 @@ def test_reserved_names_and_names_of_other_kinds_are_refused(changed, words):
         ({"speed_m_s": (float, declared("Speed.", entries={"total": 1}))}, "speed_m_s has entries, but is no mapping"),
         ({"speed_m_s": (float, declared("Speed.", after="mass_kg"))}, "no field mass_kg for speed_m_s to come after"),
         ({"speed_m_s": (float, declared("Speed.", after="speed_m_s"))}, "no field speed_m_s for speed_m_s"),
-        ({"speeds": (ByName, declared("Speeds.", column="speeds"))}, "a table cannot show speeds in one column"),
         ({"words": (Mapping[str, str], declared("Words."))}, None),
-        ({"speed_m_s": (float, declared("Speed.", column=None))}, None),
+        ({"speed_m_s": (float, declared("Speed.", column=False))}, None),
     ],
 )
 def test_an_inconsistent_declaration_is_refused(declared, words):

@@ -5,17 +5,28 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from ffsm_mj.records.events import ENERGY_AFTER, ENERGY_BEFORE, QPOS, QVEL, QVEL_AFTER, QVEL_BEFORE, QVEL_UNCHANGED, STEP
+from ffsm_mj.records.events import (
+    ANGULAR_CHANGE,
+    ENERGY_AFTER,
+    ENERGY_BEFORE,
+    EVENT,
+    LINEAR_CHANGE,
+    MOMENTUM_AFTER,
+    MOMENTUM_BEFORE,
+    QPOS,
+    QVEL,
+    QVEL_AFTER,
+    QVEL_BEFORE,
+    QVEL_UNCHANGED,
+    STEP,
+)
 from ffsm_mj.records.kinds import Mark, RecordKind, all_fields
 from ffsm_mj.records.load_columns import load_arrows
 from ffsm_mj.records.record import ByName, Meaning, Values, declared, record
 from ffsm_mj.records.signals import unit_of
 
-_EVENT = Meaning("Event number, counted over grasps and persistent contacts from 0.")
 _GRASP = Meaning("Name of the grasp.")
-_OBJECT_SITE = Meaning(
-    "Position of the object's site, world axes.", column="the object's site, world frame", components="xyz"
-)
+_OBJECT_SITE = Meaning("Position of the object's site in world axes.", components="xyz")
 _QPOS = Meaning("Configuration, the same before and after, in the order of the sample's ``q_`` fields.")
 _EFFORTS = Meaning("Effort by actuator after the event.")
 
@@ -24,31 +35,25 @@ _EFFORTS = Meaning("Effort by actuator after the event.")
 class GraspRecord:
     """A grasp closes on its object."""
 
-    event: int = declared(_EVENT)
+    event: int = declared(EVENT)
     grasp: str = declared(_GRASP)
-    time_s: float = declared("Time of closing.", column="simulation time")
+    time_s: float = declared("Time of closing.")
     step: int = declared(STEP)
     robot_site: str = declared("Site of the robot.")
     object_site: str = declared("Site of the object.")
     point_m: Values = declared(_OBJECT_SITE)
     position_m: float = declared("Distance of the sites.")
     angle_rad: float = declared("Angle between their frames.")
-    speed_m_s: float = declared(
-        "Relative speed of the two bodies at the object's site, before.",
-        column="relative speed of the two bodies at the object's site",
-    )
-    rate_rad_s: float = declared("Relative angular speed, before.", column="relative angular speed")
+    speed_m_s: float = declared("Relative speed of the two bodies at the object's site, before.")
+    rate_rad_s: float = declared("Relative angular speed, before.")
     joint: str = declared(
         "Relative motion that the latch leaves free: ``rigid`` (none), ``ball``, ``hinge``, ``slide``, ``cylindrical``."
     )
     axis: Values = declared(
-        "Unit vector of its axis in the frame of the robot's site; zeros for kinds without one.",
-        column="unit vector of its axis in the frame of the robot's site; zeros without an axis",
-        components="xyz",
+        "Unit vector of its axis in the frame of the robot's site; zeros for kinds without one.", components="xyz"
     )
     axis_angle_rad: float = declared(
-        "Angle between this axis and the same axis of the object's site; 0 for kinds without one.",
-        column="angle between this axis and the same axis of the object's site",
+        "Angle between this axis and the same axis of the object's site; 0 for kinds without one."
     )
     replaces: str = declared(
         "Name of the closed grasp of the same two sites that ends with this one; empty if there is none."
@@ -56,55 +61,37 @@ class GraspRecord:
     place: int = declared(
         "Its place in the order in which the closed grasps closed, from 1. The object of the first one of the "
         "robot is attached as a child body of the link; further ones are held by rows.",
-        column="place in the order in which the closed grasps closed, from 1",
     )
     object_position_m: Values = declared(
         "Origin of the object's base in the frame of the grasping link: of an attached object where the latch's "
         "joints are at 0, of a further grasp at its closing.",
-        column=None,
+        column=False,
         components="xyz",
     )
     object_quaternion: Values = declared(
-        "Orientation of the object's base in that frame, w, x, y, z; likewise.", column=None, components="wxyz"
+        "Orientation of the object's base in that frame, w, x, y, z; likewise.", column=False, components="wxyz"
     )
     rank: int = declared(
         "Number of relative motions that were possible before and that the latch stops: a rigid one 3 in a plane,"
         " 6 in space, fewer where it closes a loop that cannot move so.",
-        column="number of relative motions that were possible before and that the latch stops",
     )
     mobility: int = declared("Degrees of freedom that are left, with all closed grasps.")
     least_ratio: float = declared(
         "Smallest singular value that counts over the largest, of the rows that the impulse stops; a small one "
         "says that the mechanism is nearly singular.",
-        column="smallest singular value that counts over the largest, of the rows that the impulse stops",
     )
-    impulse_N_s: Values = declared(
-        "Impulse on the object, world axes.", column="impulse on the object, world frame", components="xyz"
-    )
+    impulse_N_s: Values = declared("Impulse on the object in world axes.", components="xyz")
     angular_impulse_N_m_s: Values = declared(
-        "Angular impulse on the object about the object's site, world axes.",
-        column="angular impulse on the object about the object's site, world frame",
-        components="xyz",
+        "Angular impulse on the object about the object's site in world axes.", components="xyz"
     )
     loss_J: float = declared("Kinetic energy lost, from the formula of the plastic impulse.")
     energy_before_J: ByName = declared(ENERGY_BEFORE)
     energy_after_J: ByName = declared(ENERGY_AFTER)
-    momentum_before: ByName = declared(
-        "Total P and L about the world origin before, six numbers, in N s and N m s.", entries={"total": 6}
-    )
-    momentum_after: ByName = declared("The same after.", entries={"total": 6})
-    energy_change_J: float = declared(
-        "Kinetic energy after minus before, computed from the two states.",
-        column="kinetic energy gained by the whole system, from the two states",
-    )
-    linear_momentum_change_N_s: float = declared(
-        "Norm of the change of total linear momentum: zero up to rounding.",
-        column="norm of the change of the whole system's linear momentum",
-    )
-    angular_momentum_change_N_m_s: float = declared(
-        "Norm of the change of total angular momentum about the world origin; likewise.",
-        column="norm of the change of its angular momentum about the origin",
-    )
+    momentum_before: ByName = declared(MOMENTUM_BEFORE)
+    momentum_after: ByName = declared(MOMENTUM_AFTER)
+    energy_change_J: float = declared("Change of the total kinetic energy, computed from the two states.")
+    linear_momentum_change_N_s: float = declared(LINEAR_CHANGE)
+    angular_momentum_change_N_m_s: float = declared(ANGULAR_CHANGE)
     qpos: Values = declared(_QPOS)
     qvel_before: ByName = declared(QVEL_BEFORE)
     qvel_after: ByName = declared(QVEL_AFTER)
@@ -117,16 +104,13 @@ class GraspRecord:
 class ReleaseRecord:
     """A grasp releases its object, on request or because its load limit is reached; no velocity changes."""
 
-    event: int = declared(_EVENT)
+    event: int = declared(EVENT)
     grasp: str = declared(_GRASP)
-    time_s: float = declared("Time of the release.", column="simulation time")
+    time_s: float = declared("Time of the release.")
     step: int = declared(STEP)
     point_m: Values = declared(_OBJECT_SITE)
     reason: str = declared("``request`` or ``load_limit``.")
-    force_N: float = declared(
-        "Force on the object right before, if its limit is reached; 0 for a request.",
-        column="force on the object right before, if a limit is reached; 0 for a request",
-    )
+    force_N: float = declared("Force on the object right before, if a limit is reached; 0 for a request.")
     torque_N_m: float = declared("Torque on the object about its site right before, likewise.")
     qpos: Values = declared(_QPOS)
     qvel_before: ByName = declared(QVEL_BEFORE)
@@ -140,9 +124,9 @@ class ReleaseRecord:
 class ArmingRecord:
     """A grasp is armed: it may close from now on."""
 
-    event: int = declared(_EVENT)
+    event: int = declared(EVENT)
     grasp: str = declared(_GRASP)
-    time_s: float = declared("Time of arming.", column="simulation time")
+    time_s: float = declared("Time of arming.")
     step: int = declared(STEP)
     qpos: Values = declared(QPOS)
     qvel_before: ByName = declared(QVEL)
@@ -154,26 +138,22 @@ class ArmingRecord:
 class NearMissRecord:
     """A grasp is disarmed without ever having satisfied its bounds."""
 
-    event: int = declared(_EVENT)
+    event: int = declared(EVENT)
     grasp: str = declared(_GRASP)
     time_s: float = declared("Time of disarming.")
     step: int = declared(STEP)
     least_ratio: float = declared(
         "Minimum over the armed time, within steps too, of the largest ratio of a value to its bound.",
-        column="minimum while armed of the largest ratio of a value to its bound",
     )
     least_s: float = declared("Time of that minimum; of minima that are equal to rounding, of the first.")
     position_m: float = declared("Distance of the sites at that time.")
     angle_rad: float = declared("Angle between their frames at that time.")
-    speed_m_s: float = declared(
-        "Relative speed at the object's site at that time.",
-        column="relative speed of the two bodies at the object's site at that time",
-    )
+    speed_m_s: float = declared("Relative speed of the two bodies at the object's site at that time.")
     rate_rad_s: float = declared("Relative angular speed at that time.")
     bounds: ByName = declared("Bounds of the grasp, by the name of the bounded value.")
     failed: str = declared("Name of the value with the largest ratio to its bound at that time.")
     failed_value: float = declared("That value, in the unit of its name.")
-    failed_bound: float = declared("Its bound.", column="its bound, in the unit of its name")
+    failed_bound: float = declared("Its bound, in the same unit.")
     qpos: Values = declared("Configuration when it was disarmed, in the order of the sample's ``q_`` fields.")
     qvel_before: ByName = declared("Generalised velocity at that time, by joint.")
     qvel_after: ByName = declared(QVEL_UNCHANGED)

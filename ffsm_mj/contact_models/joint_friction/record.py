@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from ffsm_mj.records.events import QPOS, QVEL_BEFORE, STEP
+from ffsm_mj.records.events import EFFORTS_KEPT, EVENT, QPOS, QVEL_BEFORE, QVEL_KEPT, STEP
 from ffsm_mj.records.kinds import RecordKind
-from ffsm_mj.records.record import ByName, Meaning, Values, declared, record
+from ffsm_mj.records.record import ByName, Values, declared, record
 from ffsm_mj.records.signals import JOINT_FRICTION_HEAT, SUBSYSTEMS, Signal, identifier
 
-_QVEL_AFTER = Meaning("Generalised velocity after, by joint; equal to ``qvel_before`` up to rounding.")
-_EFFORTS = Meaning("Effort by actuator at the event; the controller is not evaluated.")
 _SENSES = {-1: "slides down", 0: "sticks", 1: "slides up"}
 
 
@@ -16,33 +14,19 @@ _SENSES = {-1: "slides down", 0: "sticks", 1: "slides up"}
 class StickSlipRecord:
     """A joint or tendon with dry friction comes to rest, begins to slide, or turns back."""
 
-    event: int = declared(
-        "Event number, counted with those of persistent contacts and grasps; joints that change together share it.",
-        column="event number, counted with those of persistent contacts and grasps from 0",
-    )
+    event: int = declared(EVENT)
     time_s: float = declared("Simulation time.")
     step: int = declared(STEP)
     joint: str = declared("Full name of the joint or tendon.")
-    unit: str = declared(
-        "Unit of the coordinate: ``rad`` (friction in N m) or ``m`` (in N).",
-        column="unit of the coordinate or length, rad or m: the friction is in N m or N",
-    )
-    value: float = declared(
-        "Coordinate of the joint, or length of the tendon, at the event.",
-        column="coordinate or length at the event, rad or m",
-    )
-    sense_before: int = declared(
-        "Sense in which it slides before, -1 or 1; 0: it sticks.", column="sense in which it slides before; 0: it sticks"
-    )
-    sense_after: int = declared("The same after.", column="sense in which it slides after; 0: it sticks")
-    friction_after: float = declared(
-        "Friction on it just after, under the efforts up to the event, N m or N.",
-        column="friction on it just after, N m or N",
-    )
+    unit: str = declared("Unit of the coordinate or length: ``rad`` (friction in N m) or ``m`` (in N).")
+    value: float = declared("Coordinate of the joint, or length of the tendon, at the event, rad or m.")
+    sense_before: int = declared("Sense in which it slides before, -1 or 1; 0: it sticks.")
+    sense_after: int = declared("Sense in which it slides after, likewise.")
+    friction_after: float = declared("Friction on it just after, under the efforts up to the event, N m or N.")
     qpos: Values = declared(QPOS)
     qvel_before: ByName = declared(QVEL_BEFORE)
-    qvel_after: ByName = declared(_QVEL_AFTER)
-    efforts_after: ByName = declared(_EFFORTS, default_factory=dict)
+    qvel_after: ByName = declared(QVEL_KEPT)
+    efforts_after: ByName = declared(EFFORTS_KEPT, default_factory=dict)
 
 
 STICK_SLIP = RecordKind(

@@ -6,13 +6,10 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from ffsm_mj.contact_models.impact.records import force_unit
-from ffsm_mj.records.events import QVEL_BEFORE, STEP
+from ffsm_mj.records.events import ANCHOR, AXIS, EFFORTS_KEPT, EVENT, GEOMS, LIMIT, QPOS, QVEL_BEFORE, QVEL_KEPT, SIDE, STEP
 from ffsm_mj.records.kinds import ArrowColumns, Mark, RecordKind
-from ffsm_mj.records.record import ByName, Meaning, Values, declared, record
+from ffsm_mj.records.record import ByName, Values, declared, record
 from ffsm_mj.records.signals import Layout
-
-_QVEL_AFTER = Meaning("Generalised velocity after, by joint; equal to ``qvel_before`` up to rounding.")
-_EFFORTS = Meaning("Effort by actuator at the event; the controller is not evaluated.")
 
 
 @record
@@ -23,48 +20,30 @@ class ContactRecord:
     the past.
     """
 
-    event: int = declared(
-        "Event number, counted over persistent contacts and grasps from 0; pairs that change together share it.",
-        column="event number, counted over persistent contacts and grasps from 0",
-    )
+    event: int = declared(EVENT)
     time_s: float = declared("Simulation time.")
     step: int = declared(STEP)
     pair: str = declared("Name of the pair of geoms.")
     rule: str = declared("Name of its contact rule.")
-    geoms: tuple[str, ...] = declared(
-        "Its geoms a and b.", column="geom of the pair; the normal points from a to b", components="ab"
-    )
-    mode: str = declared(
-        "Contact features after the event, such as ``sphere on face``; empty if the pair is open.",
-        column="contact features after the event",
-    )
+    geoms: tuple[str, ...] = declared(GEOMS)
+    mode: str = declared("Contact features after the event, such as ``sphere on face``; empty if the pair is open.")
     points: int = declared("Number of contact points after the event.")
     point_m: Values = declared(
-        "Centre of pressure in world axes; mean of the contact points if none carries force.",
-        column="centre of pressure, world frame",
-        components="xyz",
+        "Centre of pressure in world axes; mean of the contact points if none carries force.", components="xyz"
     )
-    normal: Values = declared(
-        "Mean unit normal in world axes, from a to b.", column="mean normal from a to b, world frame", components="xyz"
+    normal: Values = declared("Mean unit normal in world axes, from a to b.", components="xyz")
+    force_before_N: float = declared("Resultant force just before; 0 if there was none.")
+    force_after_N: float = declared("Resultant force just after, under the efforts up to the event.")
+    impulse_N_s: float = declared("Time integral of the contact force of the rule since t = 0.")
+    closed_pairs: tuple[str, ...] = declared(
+        "Names of all pairs in persistent contact after the event, of all rules.", column=False
     )
-    force_before_N: float = declared(
-        "Resultant force just before, N; 0 if there was none.", column="resultant force just before"
-    )
-    force_after_N: float = declared(
-        "Resultant force just after, under the efforts up to the event, N.", column="resultant force just after"
-    )
-    impulse_N_s: float = declared(
-        "Time integral of the contact force of the rule since t = 0, N s.",
-        column="integral of the contact force of the rule since t = 0",
-    )
-    closed_pairs: tuple[str, ...] = declared("Names of all pairs in persistent contact after the event, of all rules.")
-    qpos: Values = declared("Configuration.")
+    qpos: Values = declared(QPOS)
     qvel_before: ByName = declared(QVEL_BEFORE)
-    qvel_after: ByName = declared(_QVEL_AFTER)
-    efforts_after: ByName = declared(_EFFORTS, default_factory=dict)
+    qvel_after: ByName = declared(QVEL_KEPT)
+    efforts_after: ByName = declared(EFFORTS_KEPT, default_factory=dict)
     friction: str = declared(
-        "Friction mode after the event: ``sticking``, ``sticking, wedged`` or ``sliding``; empty without friction.",
-        column="friction mode after the event; empty without friction or force",
+        "Friction mode after the event: ``sticking``, ``sticking, wedged`` or ``sliding``; empty without friction or force.",
         default="",
     )
 
@@ -88,20 +67,12 @@ class ContactChanges(ContactRecord):
 class FrictionRecord(ContactRecord):
     """A pair with friction slips or sticks."""
 
-    friction_N: float = declared("Friction force just after, N.", column="friction force just after", default=0.0)
+    friction_N: float = declared("Friction force just after.", default=0.0)
     friction_use: float = declared(
-        "Share of the friction limit, mu times the normal force, that is used just after, in [0, 1].",
-        column="share of the friction limit, mu times the normal force, that is used just after",
-        default=0.0,
+        "Share of the friction limit, mu times the normal force, that is used just after, in [0, 1].", default=0.0
     )
-    slip_speed_m_s: float = declared(
-        "Largest slip speed just after, m/s.", column="largest slip speed just after", default=0.0
-    )
-    slip_m: float = declared(
-        "Slip distance of the rule since t = 0, m: time integral of its largest slip speed.",
-        column="slip distance of the rule since t = 0",
-        default=0.0,
-    )
+    slip_speed_m_s: float = declared("Largest slip speed just after.", default=0.0)
+    slip_m: float = declared("Slip distance of the rule since t = 0: time integral of its largest slip speed.", default=0.0)
 
 
 @record
@@ -217,47 +188,26 @@ CONTACT_CHANGES = _kind(
 class LimitRecord:
     """An event of a joint that rests at a limit."""
 
-    event: int = declared(
-        "Event number, counted over persistent contacts and grasps from 0; all that changes together shares it.",
-        column="event number, counted over persistent contacts and grasps from 0",
-    )
+    event: int = declared(EVENT)
     time_s: float = declared("Simulation time.")
     step: int = declared(STEP)
     joint: str = declared("Full name of the joint.")
-    side: str = declared("``lower`` or ``upper``.", column="lower or upper limit")
-    unit: str = declared(
-        "Unit of the coordinate: ``rad`` (forces are torques in N m) or ``m`` (forces in N).",
-        column="unit of the joint's coordinate, rad or m: forces are torques in N m, or in N",
-    )
-    value: float = declared("Coordinate of the joint.", column="coordinate at the event, rad or m")
-    limit: float = declared("Value of the limit.", column="value of the limit, rad or m")
-    state: str = declared(
-        "``pressed``, ``touching`` without force, or ``free``, after the event.",
-        column="pressed, touching (without force) or free, after the event",
-    )
+    side: str = declared(SIDE)
+    unit: str = declared("Unit of the coordinate: ``rad`` (forces are torques in N m) or ``m`` (forces in N).")
+    value: float = declared("Coordinate of the joint, rad or m.")
+    limit: float = declared(LIMIT)
+    state: str = declared("``pressed``, ``touching`` without force, or ``free``, after the event.")
     force_before: float = declared(
-        "Force or torque of the limit on the joint just before, >= 0 away from the limit; 0 if there was none.",
-        column="force or torque of the limit just before, N or N m",
+        "Force or torque of the limit on the joint just before, N or N m, >= 0 away from the limit; 0 if there was none."
     )
-    force_after: float = declared(
-        "The same just after, under the efforts up to the event.", column="force or torque of the limit just after, N or N m"
-    )
-    impulse: float = declared(
-        "Time integral of the force of this joint's limits since t = 0, N s or N m s.",
-        column="integral of the force of this joint's limits since t = 0, N s or N m s",
-    )
-    point_m: Values = declared(
-        "Anchor of the joint in world axes.", column="anchor of the joint, world frame", components="xyz"
-    )
-    axis: Values = declared(
-        "Unit vector along the joint's axis in world axes, in the sense of the force.",
-        column="axis of the joint in the sense of the force, world frame",
-        components="xyz",
-    )
-    qpos: Values = declared("Configuration.")
+    force_after: float = declared("Force or torque of the limit just after, N or N m, under the efforts up to the event.")
+    impulse: float = declared("Time integral of the force of this joint's limits since t = 0, N s or N m s.")
+    point_m: Values = declared(ANCHOR)
+    axis: Values = declared(AXIS)
+    qpos: Values = declared(QPOS)
     qvel_before: ByName = declared(QVEL_BEFORE)
-    qvel_after: ByName = declared(_QVEL_AFTER)
-    efforts_after: ByName = declared(_EFFORTS, default_factory=dict)
+    qvel_after: ByName = declared(QVEL_KEPT)
+    efforts_after: ByName = declared(EFFORTS_KEPT, default_factory=dict)
 
 
 @record
