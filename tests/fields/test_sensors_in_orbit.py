@@ -65,7 +65,7 @@ def test_a_free_ball_feels_nothing(tmp_path):
 
 
 def test_away_from_the_mass_centre(tmp_path):
-    """Off the centre it is alpha x s + w x (w x s) - G s, with the angular acceleration of Euler's equations and the gravity gradient.
+    """It feels alpha x s + w x (w x s) - G s, with alpha of Euler's equations and the gravity gradient.
 
     The gradient is linear here: the rest is 3 n^2 |r| |s| / R = 2e-12 m/s^2; the tide on the body 3.8e-5, G s 8e-7.
     """
