@@ -1,4 +1,4 @@
-"""Cost of a campaign in addition to its simulations: CPU time, throughput of engines, and memory.
+"""Cost of a campaign in addition to its simulations: CPU time, throughput of executors, and memory.
 
 ``uv run python benchmarks/campaign.py`` prints (1) the CPU time of a run outside the simulation, without and with a
 controller model, (2) the CPU time of whole runs of ``baseline-dispersed``, (3) runs per second of a pool of two processes
@@ -28,7 +28,7 @@ from typing import Any
 from unittest.mock import patch
 
 from ffsm_mj.experiments.campaign import Campaign
-from ffsm_mj.experiments.engines import Processes, loop
+from ffsm_mj.experiments.executors import Processes, loop
 from ffsm_mj.experiments.worker import execute_runs
 from ffsm_mj.simulation.loop import Simulation
 
@@ -110,7 +110,7 @@ def growth(found: Campaign, runs: int) -> tuple[float, float]:
         return early, memory_MiB(pool)
 
 
-def engines(stack: ExitStack) -> dict[str, Executor]:
+def executors(stack: ExitStack) -> dict[str, Executor]:
     """A loop, a pool of two processes, and two Dask workers if distributed is installed."""
     found: dict[str, Any] = {"loop": stack.enter_context(loop().open()), "pool": stack.enter_context(Processes(2))}
     try:
@@ -126,7 +126,7 @@ def main() -> None:
     """Print all measurements."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--runs", type=int, default=20, help="runs per engine and repeat")
+    parser.add_argument("--runs", type=int, default=20, help="runs per executor and repeat")
     parser.add_argument("--memory-runs", type=int, default=500)
     parser.add_argument("--dispersed-runs", type=int, default=16, help="number of whole runs of baseline-dispersed")
     given = parser.parse_args()
@@ -143,7 +143,7 @@ def main() -> None:
         if not given.repeats:
             return
         found = campaign(Path(folder), 512, 2.0)
-        pools = engines(stack)
+        pools = executors(stack)
         for pool in pools.values():
             rate(found, pool, 0, 4)
         ratios: dict[str, list[float]] = {name: [] for name in pools if name != "loop"}

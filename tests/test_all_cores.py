@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from ffsm_mj.all_cores import on_all_cores
-from ffsm_mj.experiments import engines
+from ffsm_mj.experiments import executors
 
 ROOT = Path(__file__).parents[1]
 
@@ -56,7 +56,7 @@ def end_all_cores(marker: Path) -> None:
 
 
 def end_campaign_workers(marker: Path) -> None:
-    with engines.Processes(2) as pool:
+    with executors.Processes(2) as pool:
         pool.submit(sent, marker)
         end(marker)
 

@@ -11,7 +11,7 @@ from ffsm_mj.cli.progress import Stage, lines_of_runs
 from ffsm_mj.cli.standard_streams import Output, complain
 from ffsm_mj.errors import InputError, one_line, working_on
 from ffsm_mj.experiments.campaign import Campaign
-from ffsm_mj.experiments.driver import EngineLostError
+from ffsm_mj.experiments.driver import NoWorkersLeftError
 from ffsm_mj.experiments.folder import RERUNS
 from ffsm_mj.experiments.metrics import NO_CLASSES, ScriptClasses, read_metrics
 from ffsm_mj.experiments.planning import VariantsPlan, load_campaign
@@ -75,7 +75,7 @@ def _make(campaign: Campaign, options: argparse.Namespace, output: Output, stage
         status = campaign.run(
             workers=options.workers, dask=options.dask or "", retry=getattr(options, "retry", ()), report=report
         )
-    except EngineLostError as error:
+    except NoWorkersLeftError as error:
         complain(str(error))
         return RUN_FAILED
     except KeyboardInterrupt:
@@ -121,7 +121,7 @@ def _write_logs(campaign: Campaign, output: Output, stage: Stage) -> int:
     report, different = stage("write the logs to keep", "runs"), 0
     for done, index in enumerate(wanted, 1):
         again = campaign.rerun(index)
-        if again.differences:
+        if again.deviations:
             different += 1
             output.say(f"{campaign.folder.rerun(index)}: {again.verdict}")
         if report is not None:
@@ -171,7 +171,7 @@ def _rerun(options: argparse.Namespace, output: Output, stage: Stage) -> int:
         again = campaign.rerun(index, options.variant)
         folder = campaign.folder.variant(options.variant) if options.variant else campaign.folder
         output.say(f"{folder.rerun(index)}: {again.verdict}")
-        code = RUN_FAILED if again.differences else code
+        code = RUN_FAILED if again.deviations else code
     return code
 
 

@@ -18,7 +18,7 @@ def impact_map(options: argparse.Namespace, output: Output) -> int:
         InputError: The scenario has no such impact, or no configuration reaches the contact.
     """
     from ffsm_mj.experiments.impact_map.impact_map import impact_map as make_map
-    from ffsm_mj.experiments.impact_map.output import BEST, difference, lines, save
+    from ffsm_mj.experiments.impact_map.output import BEST, jump_error, lines, save
     from ffsm_mj.scenario.shipped import scenario_path
 
     if options.seed < 0:
@@ -44,7 +44,7 @@ def impact_map(options: argparse.Namespace, output: Output) -> int:
         stage("files")
         files = save(mapped, options.scenario, folder, tuple(options.axes))
         kept = [text for text in options.overrides if not text.startswith("initial.")]
-        apart = difference(mapped, folder / BEST, kept)
+        apart = jump_error(mapped, folder / BEST, kept)
     for line in lines(mapped, options.hold):
         output.say(line)
     again = [word for text in kept for word in ("-s", text)]

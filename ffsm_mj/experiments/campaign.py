@@ -17,7 +17,7 @@ from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.experiments.comparison import VariantComparison, compare_variants, refuse_other_samples
 from ffsm_mj.experiments.design import Design
 from ffsm_mj.experiments.driver import FIRST, Driver, StoppingRule
-from ffsm_mj.experiments.engines import choose_engine, importable
+from ffsm_mj.experiments.executors import choose_workers, importable
 from ffsm_mj.experiments.file import CampaignFile
 from ffsm_mj.experiments.folder import (
     CAMPAIGN,
@@ -25,8 +25,8 @@ from ffsm_mj.experiments.folder import (
     CampaignFolder,
     Record,
     campaign_settings,
-    differences,
     row_versions,
+    settings_changes,
     settings_hash,
 )
 from ffsm_mj.experiments.metrics import (
@@ -38,7 +38,6 @@ from ffsm_mj.experiments.metrics import (
     functions_of,
     script_classes,
 )
-from ffsm_mj.experiments.page import summary_lines
 from ffsm_mj.experiments.planning import Plan, VariantsPlan, load_campaign, read_campaign, stored_plan
 from ffsm_mj.experiments.results import (
     Results,
@@ -54,13 +53,13 @@ from ffsm_mj.experiments.results import (
     status_of_variants,
     table_rows,
 )
+from ffsm_mj.experiments.sentences import sentences_of
 from ffsm_mj.experiments.statistics import Proportion, Quantile, quantile
 from ffsm_mj.experiments.store import RunRow, Store
 from ffsm_mj.experiments.worker import Job, Rerun, rerun
 from ffsm_mj.invocation import command, on_command_line, option
 from ffsm_mj.scenario.shipped import scenario_path
 
-Report = Callable[[float, float], None]
 _NONE: Mapping[str, Any] = MappingProxyType({})
 
 
@@ -222,7 +221,7 @@ class Campaign:
         with self._table() as store:
             stored = store.settings or self._settings  # classes and functions of a script are known from the rows only
         if other != stored:
-            raise InputError(f"{self.folder.path}: holds a campaign with other settings: {differences(stored, other)}")
+            raise InputError(f"{self.folder.path}: holds a campaign with other settings: {settings_changes(stored, other)}")
         if plan.config.samples.n not in (None, self.design.n):
             larger = plan.config.samples.n > self.design.n
             how = "extend(n) enlarges it" if larger else "Campaign.open continues it"
@@ -283,7 +282,7 @@ class Campaign:
         """All rows so far with the names of their columns, for report and statistics."""
         rows, design, config = self.table_rows(), self.design, self.config
         parameters = tuple(column_of(name, "parameter", rows) for name in design.parameters)
-        metrics = tuple(column_of(name, "metric", rows) for name in config.kept_metrics)
+        metrics = tuple(column_of(name, "metric", rows) for name in config.all_metrics)
         return Results(design.kind, design.n, len(design.rows), parameters, metrics, rows)
 
     def variant_results(self) -> VariantResults:
@@ -324,7 +323,7 @@ class Campaign:
 
     def sentences(self) -> list[str]:
         """What the results show so far: success, means and quantiles of metrics; of variants, their differences."""
-        return self.comparison().lines() if self.variants else summary_lines(self.results(), self.config.conditions)
+        return self.comparison().lines() if self.variants else sentences_of(self.results(), self.config.conditions)
 
     @contextmanager
     def _writable_table(self) -> Iterator[Store]:
@@ -336,7 +335,7 @@ class Campaign:
         with closing(Store(self.folder.table)) as store:
             store.begin(settings_hash(self._settings), self._settings)
             if store.settings != self._settings:
-                changed = differences(store.settings, self._settings)
+                changed = settings_changes(store.settings, self._settings)
                 raise InputError(f"{self.folder.path}: its rows were made with other settings: {changed}")
             yield store
 
@@ -347,7 +346,7 @@ class Campaign:
         workers: int | None = None,
         dask: str = "",
         retry: Sequence[str] = (),
-        report: Report | None = None,
+        report: Callable[[float, float], None] | None = None,
     ) -> Status:
         """Execute the runs that have no row yet; of variants, one variant after the other.
 
@@ -365,7 +364,7 @@ class Campaign:
 
         Raises:
             InputError: Another process runs this campaign, the settings differ, or no worker can execute its runs.
-            EngineLostError: The workers are lost; the rows so far are kept.
+            NoWorkersLeftError: The workers are lost; the rows so far are kept.
             LogWriteError: The table cannot be written (full disk); earlier rows are kept.
         """
         self._load_metrics()
@@ -377,7 +376,12 @@ class Campaign:
             return self._run(executor, workers, dask, retry, report)
 
     def _run(
-        self, executor: Executor | None, workers: int | None, dask: str, retry: Sequence[str], report: Report | None
+        self,
+        executor: Executor | None,
+        workers: int | None,
+        dask: str,
+        retry: Sequence[str],
+        report: Callable[[float, float], None] | None,
     ) -> Status:
         """Execute the runs of a campaign whose folder is locked; see :meth:`run`."""
         if self.variants:
@@ -391,7 +395,7 @@ class Campaign:
             return status_of_variants(self.config.campaign, progress)
         with self._writable_table() as store:
             classes = [class_ for _, class_ in self._classes.every]
-            engine = choose_engine(executor, workers, dask, classes, self.config.limits.workers)
+            pool = choose_workers(executor, workers, dask, classes, self.config.limits.workers)
             self.design = self.folder.design()  # another process may have extended it
             if retry:
                 store.drop(retry)
@@ -400,7 +404,7 @@ class Campaign:
             total, finished = len(self.design.rows), len(done)
             stopping = StoppingRule(self.config, total, done, store.failed(FIRST), self.results)
 
-            def keep(rows: Sequence[RunRow]) -> None:
+            def store_rows(rows: Sequence[RunRow]) -> None:
                 nonlocal finished
                 store.add(rows)
                 stopping.add(rows)
@@ -409,7 +413,7 @@ class Campaign:
                     report(finished, total)
 
             if not stopping.ends():
-                Driver(engine, self._job(exclusive=engine.exclusive_processes), keep, stopping.ends).drive(left)
+                Driver(pool, self._job(exclusive=pool.exclusive_processes), store_rows, stopping.ends).drive(left)
         return replace(self.status(), stopped=stopping.failing if self.status().left else "", enough=stopping.enough)
 
     def _load_metrics(self) -> None:
@@ -429,7 +433,7 @@ class Campaign:
     def _job(self, *, exclusive: bool) -> Job:
         return Job(
             scenario=str(self.folder.scenario.resolve()),
-            metrics=self.config.kept_metrics,
+            metrics=self.config.all_metrics,
             versions=row_versions(),
             digest=settings_hash(self._settings),
             timeout_s=self.config.limits.timeout_s or 0.0,
@@ -498,7 +502,7 @@ def _recorded(classes: ScriptClasses, not_applicable: Mapping[str, str], before:
     return Record(not_applicable, tuple(classes.metrics), file), files[0].text if files else ""
 
 
-def _of_whole(report: Report, others: int, total: int) -> Report:
+def _of_whole(report: Callable[[float, float], None], others: int, total: int) -> Callable[[float, float], None]:
     """Progress of a variant as progress of the whole campaign."""
     return lambda done, _: report(others + done, total)
 

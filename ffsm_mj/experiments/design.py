@@ -24,7 +24,7 @@ EXTENDABLE = ("random", "sobol")
 """Kinds of samples whose first rows do not depend on the number of samples."""
 
 
-def samples(kind: str, n: int, seed: int, names: Sequence[str], levels: Sequence[int] = ()) -> FloatArray:
+def unit_cube_points(kind: str, n: int, seed: int, names: Sequence[str], levels: Sequence[int] = ()) -> FloatArray:
     """Points in the unit cube.
 
     Args:
@@ -277,7 +277,7 @@ def sample_design(
     """
     names = tuple(scalar.name for scalar in sampled_scalars)
     levels = [len(scalar.distribution.levels or ()) for scalar in sampled_scalars]
-    points = samples(kind, n, seed, names, levels)
+    points = unit_cube_points(kind, n, seed, names, levels)
     values = [scalar.distribution.quantiles(points[:, k], scalar.mean) for k, scalar in enumerate(sampled_scalars)]
     for scalar, column in zip(sampled_scalars, values, strict=True):
         if not all(abs(value) <= sys.float_info.max for value in column if isinstance(value, int | float)):
@@ -313,7 +313,7 @@ def refuse_levels(config: CampaignFile) -> None:
         raise ScenarioFaults(faults)
 
 
-def columns(dispersions: Mapping[str, Dispersion]) -> tuple[SampledScalar, ...]:
+def scalars_of(dispersions: Mapping[str, Dispersion]) -> tuple[SampledScalar, ...]:
     """Scalars sampled for each run, in the order of the file.
 
     Raises:

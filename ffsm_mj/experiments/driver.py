@@ -1,4 +1,4 @@
-"""Executes the runs of a campaign on an engine: hands them out, stores rows, and continues after the loss of workers."""
+"""Hands out the runs of a campaign to workers, stores their rows, and continues after the loss of workers."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 
 from ffsm_mj.assembly.process import noted
 from ffsm_mj.errors import FfsmError, InputError, described
-from ffsm_mj.experiments.engines import Engine, WorkerLostError
+from ffsm_mj.experiments.executors import WorkerLostError, Workers
 from ffsm_mj.experiments.file import CampaignFile
 from ffsm_mj.experiments.results import Results
 from ffsm_mj.experiments.statistics import latest_interval
@@ -89,12 +89,12 @@ _BATCH_S, _BATCH_RUNS = 30.0, 100
 """Greatest duration and number of runs of a batch: a lost worker costs at most this."""
 _AHEAD = 4
 """Batches per worker that are handed out at once, so that no worker waits for the driver."""
-_LOST_ENGINES = 20
-"""An engine is given up after this many losses without a row in between."""
+_MOST_LOSSES = 20
+"""The workers are given up after their executor was lost this many times without a row in between."""
 
 
-class EngineLostError(FfsmError):
-    """The engine is lost; the rows so far are kept."""
+class NoWorkersLeftError(FfsmError):
+    """No worker can be reached any more; the rows so far are kept."""
 
 
 class _LostError(FfsmError):
@@ -102,24 +102,24 @@ class _LostError(FfsmError):
 
 
 class Driver:
-    """Executes runs on an engine until none is left.
+    """Has workers execute runs until none is left.
 
     Runs whose worker is lost are handed out a second time, alone, after all others and to an idle worker, so that each
     begins at once: if its worker is lost again, the run is given up, as late or as one that ends its worker.
     """
 
     def __init__(
-        self, engine: Engine, job: Job, store: Callable[[Sequence[RunRow]], None], stop: Callable[[], bool]
+        self, workers: Workers, job: Job, store: Callable[[Sequence[RunRow]], None], stop: Callable[[], bool]
     ) -> None:
         """Store the arguments.
 
         Args:
-            engine: Where runs are executed.
+            workers: They execute the runs.
             job: The campaign.
             store: Called with new rows.
             stop: Called after new rows; True ends the campaign.
         """
-        self._engine, self._job, self._store, self._stop = engine, job, store, stop
+        self._workers, self._job, self._store, self._stop = workers, job, store, stop
         self._stopped = False
         self._interrupted: Callable[[], bool] = bool  # no signal is looked for before :meth:`drive`: bool() is False
         self._runs, self._suspects = deque[PlannedRun](), deque[PlannedRun]()
@@ -131,7 +131,7 @@ class Driver:
         """Execute these runs.
 
         Raises:
-            EngineLostError: The engine is lost and cannot be reopened.
+            NoWorkersLeftError: The executor is lost and cannot be opened again.
             InputError: The workers cannot execute runs of this campaign at all.
             KeyboardInterrupt: Ctrl-C or SIGTERM; the rows so far are stored.
         """
@@ -148,21 +148,21 @@ class Driver:
                         self._execute(executor)
                 except _LostError as error:
                     lost = lost + 1 if self._finished == finished else 1
-                    if not self._engine.reopens or lost > _LOST_ENGINES:
-                        raise EngineLostError(
-                            f"{self._engine.name}: {error}; the rows so far are kept, resume continues the campaign"
+                    if not self._workers.reopens or lost > _MOST_LOSSES:
+                        raise NoWorkersLeftError(
+                            f"{self._workers.name}: {error}; the rows so far are kept, resume continues the campaign"
                         ) from error
 
     @contextmanager
     def _opened(self, lost: int) -> Iterator[Executor]:
-        """An executor of the engine; if it cannot be opened again, the engine is lost."""
+        """The executor; no worker is left if it cannot be opened again."""
         with ExitStack() as stack:
             try:
-                executor = stack.enter_context(self._engine.open())
+                executor = stack.enter_context(self._workers.open())
             except InputError as error:
                 if not lost:
                     raise
-                raise EngineLostError(f"{error}; the rows so far are kept, resume continues the campaign") from error
+                raise NoWorkersLeftError(f"{error}; the rows so far are kept, resume continues the campaign") from error
             yield executor
 
     def _probe(self, executor: Executor) -> None:
@@ -174,8 +174,8 @@ class Driver:
         except FfsmError as error:
             raise InputError(str(error)) from error
         except Exception as error:
-            hint = "" if self._engine.reopens else "; a script that creates an executor needs if __name__ == '__main__'"
-            raise InputError(f"{self._engine.name}: no worker can execute runs ({described(error)}){hint}") from error
+            hint = "" if self._workers.reopens else "; a script that creates an executor needs if __name__ == '__main__'"
+            raise InputError(f"{self._workers.name}: no worker can execute runs ({described(error)}){hint}") from error
 
     def _execute(self, executor: Executor) -> None:
         """Execute runs until none is left.
@@ -202,24 +202,24 @@ class Driver:
 
     def _hand_out(self, executor: Executor) -> None:
         """Hand out batches, so that no worker waits, or else suspects, one per worker."""
-        most = 1 if self._engine.in_this_thread else _AHEAD * self._engine.workers
+        most = 1 if self._workers.in_this_thread else _AHEAD * self._workers.count
         while self._runs and len(self._pending) < most:
             batch = [*islice(self._runs, self._size())]
             self._pending[executor.submit(execute_runs, self._job, batch)] = (batch, None)
             for _ in batch:
                 self._runs.popleft()
         if all(began is not None for _, began in self._pending.values()):
-            while self._suspects and len(self._pending) < self._engine.workers:
+            while self._suspects and len(self._pending) < self._workers.count:
                 began = time.perf_counter()
                 future = executor.submit(execute_runs, self._job, [self._suspects[0]])
                 self._pending[future] = ([self._suspects.popleft()], began)
 
     def _size(self) -> int:
         """Number of runs of a batch."""
-        if not self._engine.batches:
+        if not self._workers.batches:
             return 1
         per_run_s = self._spent_s / self._finished if self._finished else _BATCH_S
-        return max(1, int(min(_BATCH_S / max(per_run_s, 1e-3), _BATCH_RUNS, self._total / (20.0 * self._engine.workers))))
+        return max(1, int(min(_BATCH_S / max(per_run_s, 1e-3), _BATCH_RUNS, self._total / (20.0 * self._workers.count))))
 
     def _wait(self, futures: Iterable[Future[Any]]) -> set[Future[Any]]:
         """Wait until some of these are done; returns them.
@@ -246,13 +246,13 @@ class Driver:
             for future in sorted(done, key=lambda ended: ended.cancelled() or ended.exception() is not None):
                 received = self._result(executor, future)
                 runs, _ = self._pending.pop(future)
-                kept = {row.index for row in received}
-                left = [run for run in runs if run[0] not in kept]
+                with_rows = {row.index for row in received}
+                left = [run for run in runs if run[0] not in with_rows]
                 if future.exception() is not None:
                     self._suspects.extend(left)
                 else:
                     self._runs.extendleft(reversed(left))
-                    interrupted = interrupted or (self._engine.in_this_thread and bool(left))
+                    interrupted = interrupted or (self._workers.in_this_thread and bool(left))
                 rows += received
         finally:
             self._finished += len(rows)

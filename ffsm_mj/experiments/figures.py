@@ -198,7 +198,7 @@ def save_variant_figures(comparison: VariantComparison, folder: Path) -> list[tu
     drawn, results = [], comparison.results
     if (axes := results.config.pareto) is not None and (figure := _pareto(results, axes)) is not None:
         drawn.append((f"{axes.error} against {axes.effort}", "pareto", figure))
-    if 0 < len(comparison.pairs) <= _MOST_PAIRS and (figure := _differences(comparison)) is not None:
+    if 0 < len(comparison.pairs) <= _MOST_PAIRS and (figure := _paired_differences(comparison)) is not None:
         drawn.append(("paired differences with 95 % intervals", "differences", figure))
     for _, name, figure in drawn:
         write(figure, folder, name, ("png",), dpi=_DPI)
@@ -268,7 +268,7 @@ def pareto_front(points: dict[str, tuple[float, float]]) -> list[str]:
     ]
 
 
-def _differences(comparison: VariantComparison) -> Figure | None:
+def _paired_differences(comparison: VariantComparison) -> Figure | None:
     """A panel per metric that differs: the mean difference of each pair with its interval."""
     results = comparison.results
     wanted = [*([SUCCESS] if results.config.conditions else []), *(results.config.objectives or results.metrics)]

@@ -207,7 +207,7 @@ class CampaignFile(StrictModel):
         return self.metrics.file if isinstance(self.metrics, MetricsConfig) else None
 
     @property
-    def kept_metrics(self) -> tuple[str, ...]:
+    def all_metrics(self) -> tuple[str, ...]:
         """All metrics that any key of the file names, without duplicates."""
         return tuple(dict.fromkeys(name for name, _ in self.named_metrics()))
 

@@ -270,7 +270,7 @@ def _file_content(config: Mapping[str, Any]) -> bytes:
     return write_yaml({**config, "scenario": SCENARIO, "overrides": {}}).encode()
 
 
-_MOST_DIFFERENCES = 3
+_MOST_CHANGES = 3
 
 
 def row_versions() -> dict[str, str]:
@@ -301,7 +301,7 @@ def campaign_settings(plan: Plan, classes: ScriptClasses) -> str:
         "scenario": plan.base.scenario_yaml,
         "models": {name: hashlib.sha256(data).hexdigest() for name, data in sorted(plan.base.logged_files.items())},
         "sampling": sampling | counted,
-        "metrics": list(config.kept_metrics),
+        "metrics": list(config.all_metrics),
         "controllers": {kind: source_of(law) for kind, law in classes.controllers.items()},
         "versions": row_versions(),
     }
@@ -327,7 +327,7 @@ def settings_hash(settings: str) -> str:
     return hashlib.sha256(settings.encode()).hexdigest()
 
 
-def differences(stored: str, now: str) -> str:
+def settings_changes(stored: str, now: str) -> str:
     """Differences between two settings as text; the stored settings may be damaged."""
     try:
         a, b = (_leaves(_with_parsed_scenario(json.loads(text))) for text in (stored, now))
@@ -338,8 +338,8 @@ def differences(stored: str, now: str) -> str:
         for key in sorted({*a, *b})
         if a.get(key) != b.get(key)
     ]
-    more = f"; and {len(changes) - _MOST_DIFFERENCES} more" if len(changes) > _MOST_DIFFERENCES else ""
-    return "; ".join(changes[:_MOST_DIFFERENCES]) + more
+    more = f"; and {len(changes) - _MOST_CHANGES} more" if len(changes) > _MOST_CHANGES else ""
+    return "; ".join(changes[:_MOST_CHANGES]) + more
 
 
 def _with_parsed_scenario(settings: dict[str, Any]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What the results of a campaign show: sentences for a terminal, and the report page as Markdown."""
+"""The page of a campaign's report, as Markdown."""
 
 from __future__ import annotations
 
@@ -10,19 +10,18 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.conditions import Condition
 from ffsm_mj.experiments.comparison import LEAST_RUNS, PairedDifference, VariantComparison, VariantPair
 from ffsm_mj.experiments.results import GOOD, SUCCESS, Results, VariantResults, finite, numbers
+from ffsm_mj.experiments.sentences import sentences_of
 from ffsm_mj.experiments.statistics import (
     CONFIDENCE,
     LEAST_RANKED,
-    NO_SUCCESS,
     Proportion,
-    differences,
     groups,
     intervals,
     is_constant,
     mean_text,
+    parameter_differences,
     quantile,
     rank_correlation,
     sobol_indices,
@@ -30,72 +29,6 @@ from ffsm_mj.experiments.statistics import (
 )
 from ffsm_mj.report.markdown import code, escaped, markdown_table, number, percent
 from ffsm_mj.yaml import write_flow
-
-_MOST_CORRELATIONS = 3
-"""Correlations that are printed: more are in the page only."""
-
-
-def summary_lines(results: Results, conditions: tuple[Condition, ...]) -> list[str]:
-    """Success, accuracy, means and quantiles of metrics, and what the first that varies depends on.
-
-    Args:
-        results: Results of the campaign.
-        conditions: Its success conditions; empty if it has none.
-    """
-    if not results.rows:
-        return []
-    return [_success(results, conditions), _accuracy(results), *_metric_sentences(results), _dependence(results)]
-
-
-def _success(results: Results, conditions: tuple[Condition, ...]) -> str:
-    good = Proportion(int(results.sample[GOOD].sum()), len(results.sample))
-    what = (
-        f"success ({' and '.join(f'{c.metric} {c.comparison} {c.bound:g}' for c in conditions)})" if conditions else "passed"
-    )
-    level = f"{100 * CONFIDENCE:g} % interval {good.interval_text}"
-    failures = [group for group in groups(results) if group.how != NO_SUCCESS]
-    why = f"; most frequent failure: {failures[0].how}" if failures else ""
-    return f"{what}: {good.count} of {good.of}, {percent(good.value)}, {level}{why}"
-
-
-def _accuracy(results: Results) -> str:
-    violated = sum(row.get("checks_pass") is False for row in results.rows)
-    parts = [f"checks violated in {violated or 'no'} run{'s' if violated > 1 else ''}"]
-    for column, what in (("drift", "drift over (1 + scale) at most"), ("deepest_overlap_m", "overlap in m at most")):
-        values = numbers(results.frame, column)
-        if np.isfinite(values).any():
-            parts.append(f"{what} {np.nanmax(values):.2g}")
-    return "; ".join(parts)
-
-
-def _metric_sentences(results: Results) -> Iterator[str]:
-    """Mean and quantiles of each metric with numbers."""
-    for metric in results.metrics:
-        values = finite(results.valid, metric)
-        if is_constant(values):
-            if len(values):
-                yield f"{metric}: {number(float(values[0]))} in all {len(values)} runs"
-            continue
-        middle, low, high = (quantile(values, share).value for share in (0.5, 0.05, 0.95))
-        quantiles = f"median {number(middle)}, 5 % {number(low)}, 95 % {number(high)}"
-        yield f"{metric}: mean {mean_text(values)}, {quantiles}, of {len(values)} runs"
-
-
-def _dependence(results: Results) -> str:
-    """Rank correlation of the first metric that varies with the parameters."""
-    varied = (name for name in results.metrics if not is_constant(finite(results.valid, name)))
-    metric = next(varied, None)
-    if metric is None:
-        return "no metric varies"
-    ranks = [(name, rank_correlation(results, name, metric)) for name in results.parameters]
-    known = sorted(((rho, name) for name, rho in ranks if rho is not None), key=lambda entry: -abs(entry[0]))
-    shown = ", ".join(f"{name} {rho:.2f}" for rho, name in known[:_MOST_CORRELATIONS])
-    count = len(finite(results.valid, metric))
-    if not shown:
-        why = f"{count} runs, {LEAST_RANKED} are needed" if count < LEAST_RANKED else "no parameter is a number that varies"
-        return f"{metric}: no rank correlation ({why})"
-    return f"rank correlation of {metric} with {shown}, of {count} runs"
-
 
 _SHARES = (0.05, 0.5, 0.95)
 _SHOWN_RUNS = 6
@@ -125,7 +58,7 @@ def report_page(results: VariantResults, comparison: VariantComparison | None, f
     config, first = results.config, next(iter(results.variants.values()))
     if comparison is None and not first.rows:
         return f"# {escaped(config.campaign)}\n\n0 of {first.runs} runs have a result.\n"
-    sentences = summary_lines(first, config.conditions) if comparison is None else comparison.sentences()
+    sentences = sentences_of(first, config.conditions) if comparison is None else comparison.sentences()
     parts = [
         f"# {escaped(config.campaign)}",
         *([html.escape(config.description, quote=False)] if config.description else []),
@@ -138,7 +71,7 @@ def report_page(results: VariantResults, comparison: VariantComparison | None, f
         *_outcomes(results),
         "## Metrics",
         _metrics(results),
-        *([] if comparison is None else ["## Paired differences", *_differences(comparison)]),
+        *([] if comparison is None else ["## Paired differences", *_paired_differences(comparison)]),
         "## Convergence",
         *_by_variant(results, _convergence),
         "## Sensitivity",
@@ -200,8 +133,8 @@ def _variants(results: VariantResults) -> str:
         rows.append([escaped(name), escaped(variant.description), changed, f"no: {escaped(reason)}" if reason else "yes"])
     described = any(row[1] for row in rows)
     head = ("variant", "description", "changes", "applicable")
-    keep = [i for i in range(len(head)) if i != 1 or described]
-    return markdown_table([head[i] for i in keep], [[row[i] for i in keep] for row in rows], texts=head)
+    shown = [i for i in range(len(head)) if i != 1 or described]
+    return markdown_table([head[i] for i in shown], [[row[i] for i in shown] for row in rows], texts=head)
 
 
 def _outcomes(results: VariantResults) -> Iterator[str]:
@@ -336,7 +269,7 @@ def _not_good(results: Results) -> Iterator[str]:
         for group in runs
     ]
     yield markdown_table(("reason", "last phase", "number", "runs", "message of the first"), rows)
-    differing = differences(results)
+    differing = parameter_differences(results)
     if not differing:
         yield "Too few runs on one side for a comparison of their parameters."
         return
@@ -373,7 +306,7 @@ def _samples(results: Results) -> str:
     return markdown_table(("parameter", "minimum", "median", "maximum"), rows)
 
 
-def _differences(comparison: VariantComparison) -> Iterator[str]:
+def _paired_differences(comparison: VariantComparison) -> Iterator[str]:
     metrics, objectives = comparison.results.compared, comparison.results.config.objectives
     count = len(comparison.pairs) * len(metrics)
     by_chance = (1.0 - CONFIDENCE) * count

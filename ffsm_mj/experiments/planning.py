@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from ffsm_mj.assembly.prepare import PreparedRun, Scenario, as_overrides, prepare, scenario_of
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults, one_line
 from ffsm_mj.experiments.bindings import Targets, bind_dispersions, extreme_rows, refuse_wrong_rows
-from ffsm_mj.experiments.design import EXTENDABLE, Binding, Design, columns, refuse_levels, sample_design
+from ffsm_mj.experiments.design import EXTENDABLE, Binding, Design, refuse_levels, sample_design, scalars_of
 from ffsm_mj.experiments.distributions import SampledScalar
 from ffsm_mj.experiments.file import OLD_KEY, CampaignFile, Kind, VariantConfig, campaign_path
 from ffsm_mj.experiments.metrics import NO_CLASSES, FileMetric, ScriptClasses, fault_of, read_metrics
@@ -283,7 +283,7 @@ class _Planner:
         try:
             self._refuse_metrics(prepared)
             refuse_levels(config)
-            scalars = columns(config.dispersions)
+            scalars = scalars_of(config.dispersions)
             bindings = bind_dispersions(config.dispersions, Targets(prepared))
         except ScenarioFaults as faults:
             raise self.source.located(faults) from faults
@@ -292,7 +292,7 @@ class _Planner:
 
     def _config(self, name: str, variant: VariantConfig | None) -> CampaignFile:
         """Campaign file of a campaign without variants; of a variant, that of a campaign of its own."""
-        names = tuple(dict.fromkeys([*self.config.kept_metrics, *self.classes.metrics]))
+        names = tuple(dict.fromkeys([*self.config.all_metrics, *self.classes.metrics]))
         changes: dict[str, Any] = {"metrics": names} if self.classes.metrics else {}
         if variant is not None:
             none: dict[str, Any] = {"variants": {}, "objectives": {}, "reference": None, "pareto": None}
@@ -350,7 +350,7 @@ class _Planner:
         if not variant.controllers:
             return False
         replaced = tuple(f"phases.{phase}.controller" for phase in variant.controllers)
-        kept = {key: value for key, value in variant.overrides.items() if not key.startswith(replaced)}
+        others = {key: value for key, value in variant.overrides.items() if not key.startswith(replaced)}
         changes = as_overrides(variant.overrides_after(self.config.overrides))
         try:
             scenario = self._scenario(name, variant)
@@ -358,7 +358,7 @@ class _Planner:
                 scenario.with_overrides(changes)
             else:
                 load_scenario(scenario, changes, self.classes.controllers, self.classes.estimators)
-            self.plan(name, variant.model_copy(update={"controllers": {}, "overrides": kept}))
+            self.plan(name, variant.model_copy(update={"controllers": {}, "overrides": others}))
         except InputError:
             return False
         return True
@@ -432,7 +432,7 @@ def _description(plan: Plan, design: Design) -> list[str]:
         keys = [binding.key for binding in plan.bindings if any(column in effect.columns for effect in binding.effects)]
         values = [row[column] for row in design.rows]
         lines.append(f"  {name}: {_range(values)}, sets {', '.join(keys)}")
-    lines.append(f"  metrics: {', '.join(config.kept_metrics) or 'only those of every run'}")
+    lines.append(f"  metrics: {', '.join(config.all_metrics) or 'only those of every run'}")
     if config.success is not None:
         lines.append(f"  success: {config.success}")
     lines += [f"  base {line}" if line.startswith(plan.base.scenario.name) else line for line in plan.base.describe()]

@@ -254,7 +254,7 @@ class ParameterDifference:
     probability: float
 
 
-def differences(results: Results) -> list[ParameterDifference]:
+def parameter_differences(results: Results) -> list[ParameterDifference]:
     """Differences by parameter, the smallest p-value first; empty if there are too few runs on either side."""
     from scipy.stats import ks_2samp  # slow to import
 

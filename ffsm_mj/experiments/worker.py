@@ -251,19 +251,19 @@ class Rerun:
         index: Index of the run in the design.
         run: The run with its log.
         exact: Whether processor, versions and settings are those of the row, so that all numbers must agree bit for bit.
-        differences: Unexpected differences from the row, one line each.
+        deviations: Unexpected differences from the row, one line each.
     """
 
     index: int
     run: Run
     exact: bool
-    differences: tuple[str, ...]
+    deviations: tuple[str, ...]
 
     @property
     def verdict(self) -> str:
         """Result of the comparison, in a sentence."""
-        if self.differences:
-            return f"run {self.index} differs from its row: {'; '.join(self.differences)}"
+        if self.deviations:
+            return f"run {self.index} differs from its row: {'; '.join(self.deviations)}"
         if self.exact:
             return f"run {self.index} agrees with its row bit for bit"
         return f"run {self.index} agrees with its row to {TOLERANCE:g} (another processor, or other versions or settings)"
@@ -297,12 +297,10 @@ def rerun(
         metrics = metric_values(run, job.metrics, checked, job.classes.metrics)
     except (Exception, SystemExit):  # noqa: BLE001 (a worker makes a row with the outcome error of it)
         outcome = ERROR
-    return Rerun(index, run, exact, tuple(_differences(row, outcome, metrics, job.metrics, exact=exact)))
+    return Rerun(index, run, exact, tuple(_deviations(row, outcome, metrics, job.metrics, exact=exact)))
 
 
-def _differences(
-    row: RunRow, outcome: str, metrics: Mapping[str, Scalar], asked: Sequence[str], *, exact: bool
-) -> list[str]:
+def _deviations(row: RunRow, outcome: str, metrics: Mapping[str, Scalar], asked: Sequence[str], *, exact: bool) -> list[str]:
     changes = [] if row.outcome == outcome else [f"outcome {outcome}, {row.outcome} in the table"]
     for name in dict.fromkeys([*row.metrics, *asked]):
         before, now = row.metrics.get(name), metrics.get(name)

@@ -11,7 +11,7 @@ import pytest
 
 from ffsm_mj.cli.main import main
 from ffsm_mj.experiments.campaign import Campaign
-from ffsm_mj.experiments.engines import importable, loop
+from ffsm_mj.experiments.executors import importable, loop
 from ffsm_mj.experiments.metrics import ScriptClasses
 from ffsm_mj.experiments.worker import _near
 from tests.experiments.files import rock_hits

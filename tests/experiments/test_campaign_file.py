@@ -308,7 +308,7 @@ def test_every_metric_that_is_asked_for_is_kept_once(tmp_path):
         keep={"worst": {"drift": 2}},
         stop={"metric": "duration_s", "width": 1.0},
     )
-    assert load_campaign(path).config.kept_metrics == ("steps", "impacts.count", "drift", "duration_s")
+    assert load_campaign(path).config.all_metrics == ("steps", "impacts.count", "drift", "duration_s")
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from scipy.stats import t
 import ffsm_mj
 from ffsm_mj.errors import InputError
 from ffsm_mj.experiments.campaign import Campaign
-from ffsm_mj.experiments.engines import loop
+from ffsm_mj.experiments.executors import loop
 from ffsm_mj.experiments.statistics import mean_interval
 from tests.experiments.files import campaign_file
 from tests.experiments.made_up import compared, results, row

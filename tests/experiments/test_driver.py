@@ -16,10 +16,10 @@ import pytest
 
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
-from ffsm_mj.experiments import engines
+from ffsm_mj.experiments import executors
 from ffsm_mj.experiments.campaign import Campaign
-from ffsm_mj.experiments.driver import Driver, EngineLostError
-from ffsm_mj.experiments.engines import Engine, WorkerLostError, loop
+from ffsm_mj.experiments.driver import Driver, NoWorkersLeftError
+from ffsm_mj.experiments.executors import WorkerLostError, Workers, loop
 from ffsm_mj.experiments.store import RunRow
 from ffsm_mj.experiments.worker import Job, probe
 from tests.experiments.files import campaign_file, rock_hits, two_rocks
@@ -73,7 +73,7 @@ def test_a_run_that_waited_is_not_late(losses: int, outcome: str) -> None:
     """
     rows: list[RunRow] = []
     job = Job("", (), MappingProxyType({}), timeout_s=1e-9)
-    Driver(Engine("lossy", 1, lambda: Lossy(losses)), job, rows.extend, lambda: False).drive([(0, {})])
+    Driver(Workers("lossy", 1, lambda: Lossy(losses)), job, rows.extend, lambda: False).drive([(0, {})])
     assert [(row.index, row.outcome) for row in rows] == [(0, outcome)]
 
 
@@ -101,8 +101,8 @@ class Refusing(Executor):
 def test_a_run_that_is_refused_is_executed_later(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Refusing, "opened", 0)
     rows: list[RunRow] = []
-    engine = Engine("refusing", 2, Refusing)
-    Driver(engine, Job("", (), MappingProxyType({})), rows.extend, lambda: False).drive([(i, {}) for i in range(20)])
+    workers = Workers("refusing", 2, Refusing)
+    Driver(workers, Job("", (), MappingProxyType({})), rows.extend, lambda: False).drive([(i, {}) for i in range(20)])
     assert Refusing.opened == 2
     assert sorted(row.index for row in rows) == list(range(20))
 
@@ -142,8 +142,8 @@ class Fragile(Executor):
 def test_the_run_that_ends_its_worker_is_a_row_and_every_other_is_made_once() -> None:
     begun: list[list[int]] = []
     rows: list[RunRow] = []
-    engine = Engine("fragile", Fragile.workers, lambda: Fragile(begun))
-    Driver(engine, Job("", (), MappingProxyType({})), rows.extend, lambda: False).drive([(i, {}) for i in range(90)])
+    workers = Workers("fragile", Fragile.workers, lambda: Fragile(begun))
+    Driver(workers, Job("", (), MappingProxyType({})), rows.extend, lambda: False).drive([(i, {}) for i in range(90)])
     assert sorted(row.index for row in rows) == list(range(90))
     assert [row.index for row in rows if row.outcome == "crashed"] == [Fragile.deadly]
     assert sorted(index for indices in begun for index in indices) == sorted([*range(90), Fragile.deadly])
@@ -182,9 +182,9 @@ def test_a_scheduler_that_does_not_come_back_is_a_loss_of_nothing(tmp_path: Path
 
     path = rock_hits(tmp_path)
     campaign = Campaign.load(path, tmp_path / "out")
-    monkeypatch.setattr(engines, "dask", lambda _: Engine("2 dask workers", 2, connect))
+    monkeypatch.setattr(executors, "dask", lambda _: Workers("2 dask workers", 2, connect))
     with pytest.raises(
-        EngineLostError, match="no scheduler answers there; the rows so far are kept, resume continues the campaign"
+        NoWorkersLeftError, match="no scheduler answers there; the rows so far are kept, resume continues the campaign"
     ):
         campaign.run(dask="tcp://127.0.0.1:1")
     assert (len(opened), campaign.status().done) == (1, 3)
@@ -283,7 +283,7 @@ def test_what_was_begun_before_a_stop_is_kept() -> None:
     """It is made to its end anyway; what waits is not."""
     rows: list[RunRow] = []
     executor = Busy()
-    engine = Engine("busy", 1, lambda: nullcontext(executor))
-    Driver(engine, Job("", (), MappingProxyType({})), rows.extend, lambda: True).drive([(i, {}) for i in range(8)])
+    workers = Workers("busy", 1, lambda: nullcontext(executor))
+    Driver(workers, Job("", (), MappingProxyType({})), rows.extend, lambda: True).drive([(i, {}) for i in range(8)])
     assert len(executor.asked) == 4
     assert [row.index for row in rows] == [0, 1]

@@ -13,7 +13,7 @@ import pytest
 from ffsm_mj.errors import InputError
 from ffsm_mj.experiments import metrics
 from ffsm_mj.experiments.campaign import Campaign
-from ffsm_mj.experiments.engines import loop
+from ffsm_mj.experiments.executors import loop
 from tests.experiments.files import rock_hits
 
 _TWO = {"kind": "random", "n": 2, "seed": 1}
@@ -72,7 +72,7 @@ def test_a_metric_that_leaves_is_an_error(made: Made) -> None:
 def test_a_run_whose_metric_fails_can_be_looked_at(made: Made) -> None:
     campaign = made(lambda _: 1 / 0)
     again = campaign.rerun(0)
-    assert again.differences == ()
+    assert again.deviations == ()
     assert again.run.outcome == "completed"
 
 

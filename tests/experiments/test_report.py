@@ -11,11 +11,12 @@ import pytest
 
 from ffsm_mj.cli.main import main
 from ffsm_mj.experiments.campaign import Campaign
-from ffsm_mj.experiments.engines import loop
+from ffsm_mj.experiments.executors import loop
 from ffsm_mj.experiments.figures import save_figures
-from ffsm_mj.experiments.page import report_page, summary_lines
+from ffsm_mj.experiments.page import report_page
 from ffsm_mj.experiments.report import write_report
 from ffsm_mj.experiments.results import VariantResults
+from ffsm_mj.experiments.sentences import sentences_of
 from tests.experiments.files import rock_hits
 from tests.experiments.made_up import config_of, results, row
 
@@ -100,7 +101,7 @@ def test_sensitivity_of_what_is_constant(many):
 
 
 def test_the_sentence_on_rank_correlations_tells_the_number_of_runs(many):
-    told = summary_lines(results(many), ())[-1]
+    told = sentences_of(results(many), ())[-1]
     assert told.startswith("rank correlation of y with x 1.00, x_noise ")
     assert told.endswith(f", of {sum(not each['failed'] for each in many)} runs")
 

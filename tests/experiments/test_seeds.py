@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ffsm_mj.experiments.campaign import Campaign
-from ffsm_mj.experiments.engines import loop
+from ffsm_mj.experiments.executors import loop
 from tests.experiments.files import campaign_file
 from tests.sensing.scenes import arm, column, pushing
 
@@ -20,7 +20,7 @@ def test_each_run_has_its_own_noise_and_has_it_again(tmp_path):
     noise = []
     for index in (0, 1):
         again = campaign.rerun(index)
-        assert not again.differences
+        assert not again.deviations
         noise.append(column(again.run, "sensor.robot_e_rad") - column(again.run, "sensor.robot_e_true_rad"))
         assert f"seed: {7 + index}" in again.run.log.header.scenario_yaml
     assert (noise[0] != noise[1]).all()

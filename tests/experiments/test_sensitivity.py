@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from ffsm_mj.experiments.design import samples
-from ffsm_mj.experiments.statistics import differences, groups, holm, rank_correlation, sobol_indices
+from ffsm_mj.experiments.design import unit_cube_points
+from ffsm_mj.experiments.statistics import groups, holm, parameter_differences, rank_correlation, sobol_indices
 from tests.experiments.made_up import results, row
 
 N = 1024
@@ -17,7 +17,7 @@ NAMES = ("x1", "x2", "x3")
 @pytest.fixture(scope="module")
 def ishigami():
     """Rows of a Saltelli design with y = sin x1 + 7 sin^2 x2 + 0.1 x3^4 sin x1, x in [-pi, pi]."""
-    x = np.pi * (2.0 * samples("saltelli", N, 20240, NAMES) - 1.0)
+    x = np.pi * (2.0 * unit_cube_points("saltelli", N, 20240, NAMES) - 1.0)
     y = np.sin(x[:, 0]) + 7.0 * np.sin(x[:, 1]) ** 2 + 0.1 * x[:, 2] ** 4 * np.sin(x[:, 0])
     return [row(i, y=float(y[i]), **dict(zip(NAMES, map(float, x[i]), strict=True))) for i in range(len(x))]
 
@@ -126,7 +126,7 @@ def test_the_parameter_that_makes_runs_fail_is_found():
         )
         for i, each in enumerate(drawn)
     ]
-    first, *others = differences(results(rows))
+    first, *others = parameter_differences(results(rows))
     assert (first.parameter, first.statistic) == ("x_cause", 1.0)
     assert first.probability < 1e-6
     assert all(other.probability > 0.05 for other in others)
@@ -134,8 +134,9 @@ def test_the_parameter_that_makes_runs_fail_is_found():
 
 def test_no_difference_is_told_from_a_handful():
     rows = [row(i, x=float(i), outcome="completed" if i >= 4 else "diverged") for i in range(100)]
-    assert differences(results(rows)) == []
-    assert [each.parameter for each in differences(results([*rows, row(100, x=-1.0, outcome="diverged")]))] == ["x"]
+    assert parameter_differences(results(rows)) == []
+    one_more = results([*rows, row(100, x=-1.0, outcome="diverged")])
+    assert [each.parameter for each in parameter_differences(one_more)] == ["x"]
 
 
 def test_holm():

@@ -6,7 +6,7 @@ import pytest
 
 from ffsm_mj.cli.main import main
 from ffsm_mj.experiments.campaign import Campaign
-from ffsm_mj.experiments.engines import Loop
+from ffsm_mj.experiments.executors import Loop
 from tests.experiments.files import campaign_file
 from tests.simulation.test_accuracy import whirling
 
@@ -62,7 +62,7 @@ def test_rows_and_reruns_do_not_depend_on_where_they_are_made(tmp_path):
     assert [row[2]["fails_by_truncation"] for row in loop] == [True, True, None]
     assert [row[2]["passes"] for row in loop] == [True, True, False]
     again = Campaign.load(fast_runs(tmp_path), tmp_path / "loop")
-    assert [again.rerun(index).differences for index in range(3)] == [(), (), ()]
+    assert [again.rerun(index).deviations for index in range(3)] == [(), (), ()]
     (message,) = again.status().messages
     assert message.startswith("run 2: checks fail: ")
     assert message.endswith("; truncation: not analysed")

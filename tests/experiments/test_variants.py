@@ -15,7 +15,7 @@ from ffsm_mj.analysis.run import Run
 from ffsm_mj.errors import InputError
 from ffsm_mj.experiments.campaign import Campaign
 from ffsm_mj.experiments.comparison import compare_variants
-from ffsm_mj.experiments.engines import loop
+from ffsm_mj.experiments.executors import loop
 from ffsm_mj.experiments.planning import load_campaign
 from tests.experiments.made_up import row, variant_results
 from tests.experiments.variant_files import HALF, variants_file

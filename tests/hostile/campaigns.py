@@ -42,7 +42,7 @@ def scene_files(folder: Path) -> Files:
 def campaign_folder(folder: Path) -> Files:
     """The files of a finished campaign's folder with the log of one run, made here, run by run in this process."""
     from ffsm_mj.experiments.campaign import Campaign
-    from ffsm_mj.experiments.engines import Loop
+    from ffsm_mj.experiments.executors import Loop
 
     (folder / "campaign.yaml").write_text(json.dumps(_STATED))
     campaign = Campaign.load(folder / "campaign.yaml", folder / "D")

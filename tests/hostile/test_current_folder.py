@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from ffsm_mj.experiments.engines import importable
+from ffsm_mj.experiments.executors import importable
 
 PUBLIC = [name for name in sorted(sys.stdlib_module_names) if not name.startswith("_")]
 TRAPS = [
@@ -70,7 +70,7 @@ def test_workers_of_a_script_import_nothing_from_the_current_folder(folder):
     """``python -c`` has the current folder first on its own path, and only its workers are ours."""
     script = (
         "import sys; here = sys.path.pop(0); assert here == ''; import ffsm_mj; from multiprocessing import active_children;"
-        "from ffsm_mj.experiments.engines import Processes; sys.path.insert(0, '')\n"
+        "from ffsm_mj.experiments.executors import Processes; sys.path.insert(0, '')\n"
         "with Processes(1) as pool: print(pool.submit(abs, -7).result())"
     )
     done = subprocess.run([sys.executable, "-c", script], cwd=folder, capture_output=True, text=True, check=False)

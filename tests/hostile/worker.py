@@ -181,11 +181,11 @@ def _address_space() -> int:
 
 def _alone() -> None:
     """Nothing but this process: a viewer that opens at once and ends, runs of campaigns one after the other in here."""
-    from ffsm_mj.experiments import engines
+    from ffsm_mj.experiments import executors
     from ffsm_mj.log.rerun import viewer
 
     sys.dont_write_bytecode = True
-    engines.pool = lambda _=None: engines.loop()
+    executors.pool = lambda _=None: executors.loop()
     viewer.has_display = lambda: True
     viewer.viewer_command = lambda *_, **__: ["true"]
 

@@ -14,7 +14,7 @@ from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.controller_protocol import Signal, StrictModel
 from ffsm_mj.errors import InputError
 from ffsm_mj.experiments.campaign import Campaign
-from ffsm_mj.experiments.engines import loop
+from ffsm_mj.experiments.executors import loop
 from ffsm_mj.replay import replay_log
 from tests.controllers.test_plugins import ffsm, install
 from tests.experiments.files import campaign_file

@@ -37,7 +37,7 @@ _SHOWN = {
     "object_spin_rad_s": ("object spin\nrad/s", "object spin"),
 }
 """Effects of the table: head of the column, and words."""
-_KEPT = {
+_HOLDS = {
     "com": "with the robot's centre of mass where it is in the run",
     "base": "with the base where it is in the run",
     "nothing": "with the base anywhere",
@@ -54,7 +54,7 @@ def lines(mapped: ImpactMap, hold: str) -> Iterator[str]:
     )
     counts = {status: sum(one.status == status for one in mapped.configurations) for status in ("overlap", "no rates")}
     said = "".join(f"; {counts[name]} {words}" for name, words in _COUNTED.items() if counts[name])
-    yield f"{mapped.reached} of {mapped.drawn} drawn configurations reach it {_KEPT[hold]}{said}"
+    yield f"{mapped.reached} of {mapped.drawn} drawn configurations reach it {_HOLDS[hold]}{said}"
     head = ("configuration", *(head for head, _ in _SHOWN.values()), "status")
     yield table(head, _rows(mapped), spare=("joint rate", "eff. mass"))
 
@@ -220,7 +220,7 @@ def best_scenario(mapped: ImpactMap, scenario: str | Path, folder: Path) -> str:
     return write_yaml(data)
 
 
-def difference(mapped: ImpactMap, path: Path, overrides: Sequence[str] | Mapping[str, Any] = ()) -> float:
+def jump_error(mapped: ImpactMap, path: Path, overrides: Sequence[str] | Mapping[str, Any] = ()) -> float:
     """Largest difference between the jump of velocities in a run of the best configuration and in the map, rad/s or m/s.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Engines that execute the runs of a campaign: they open executors of :mod:`concurrent.futures`."""
+"""Workers that execute the runs of a campaign, as executors of :mod:`concurrent.futures`: this process, others, Dask."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ _ANSWER_S = 10
 
 
 @dataclass(frozen=True)
-class Engine:
-    """A way to execute runs.
+class Workers:
+    """Workers that execute runs, and how to open the executor that calls them.
 
     Attributes:
         name: Name for messages.
-        workers: Number of runs at the same time.
+        count: Number of runs at the same time.
         open: Opens an executor as a context.
         exclusive_processes: Whether its processes execute nothing else, so that a process with a stuck run may be ended.
         reopens: Whether it can open another executor after one is lost.
@@ -44,7 +44,7 @@ class Engine:
     """
 
     name: str
-    workers: int
+    count: int
     open: Callable[[], Any]
     exclusive_processes: bool = True
     reopens: bool = True
@@ -52,14 +52,14 @@ class Engine:
     batches: bool = False
 
 
-def choose_engine(
+def choose_workers(
     executor: Executor | None,
     workers: int | None,
     dask_address: str,
     classes: Iterable[Any],
     default_workers: int | None,
-) -> Engine:
-    """Engine for the arguments of :meth:`ffsm_mj.experiments.campaign.Campaign.run`.
+) -> Workers:
+    """Workers for the arguments of :meth:`ffsm_mj.experiments.campaign.Campaign.run`.
 
     Args:
         executor: Executor of the caller, if there is one.
@@ -74,7 +74,7 @@ def choose_engine(
     if workers is not None and workers < 1:
         raise InputError(f"workers: {workers} is less than 1")
     if executor is not None:
-        return caller_engine(executor, workers)
+        return workers_of_caller(executor, workers)
     if dask_address:
         return dask(dask_address)
     if not all(map(importable, classes)):
@@ -95,19 +95,19 @@ class Loop(Executor):
         return future
 
 
-def loop() -> Engine:
-    """Engine that executes runs one after the other in this process."""
-    return Engine("this process", 1, Loop, exclusive_processes=False, in_this_thread=True)
+def loop() -> Workers:
+    """This process, which executes runs one after the other."""
+    return Workers("this process", 1, Loop, exclusive_processes=False, in_this_thread=True)
 
 
-def pool(workers: int | None = None) -> Engine:
-    """Engine with processes on this machine.
+def pool(workers: int | None = None) -> Workers:
+    """Processes on this machine.
 
     Args:
         workers: Number of processes; None: one per processor that this process may use.
     """
     count = workers or usable_processors()
-    return Engine(f"{count} processes", count, lambda: Processes(count))
+    return Workers(f"{count} processes", count, lambda: Processes(count))
 
 
 def usable_processors() -> int:
@@ -123,8 +123,8 @@ def importable(law: Any) -> bool:
     return module != "__main__" and "<" not in name and importable_elsewhere(module)
 
 
-def caller_engine(executor: Executor, workers: int | None = None) -> Engine:
-    """Engine with an executor of the caller, who closes it."""
+def workers_of_caller(executor: Executor, workers: int | None = None) -> Workers:
+    """Workers of an executor of the caller, who closes it."""
 
     @contextmanager
     def same() -> Iterator[Executor]:
@@ -133,11 +133,11 @@ def caller_engine(executor: Executor, workers: int | None = None) -> Engine:
     if isinstance(executor, Loop):
         return loop()
     count = workers or getattr(executor, "_max_workers", None) or usable_processors()
-    return Engine(type(executor).__name__, int(count), same, exclusive_processes=False, reopens=False)
+    return Workers(type(executor).__name__, int(count), same, exclusive_processes=False, reopens=False)
 
 
-def dask(address: str) -> Engine:
-    """Engine with the workers of a Dask cluster, one thread each.
+def dask(address: str) -> Workers:
+    """Workers of a Dask cluster, one thread each.
 
     Args:
         address: Address of the scheduler, e.g. ``tcp://host:8786``.
@@ -169,7 +169,7 @@ def dask(address: str) -> Engine:
     several = [name for name, count in threads.items() if count != 1]
     if several:
         raise InputError(f"{where}: worker {several[0]} has {threads[several[0]]} threads; start it with --nthreads 1")
-    return Engine(f"{len(threads)} Dask workers", len(threads), connected, batches=True)
+    return Workers(f"{len(threads)} Dask workers", len(threads), connected, batches=True)
 
 
 def _distributed() -> Any:

@@ -20,10 +20,10 @@ import pytest
 
 from ffsm_mj.errors import InputError, LogWriteError
 from ffsm_mj.experiments import campaign as campaigns
-from ffsm_mj.experiments import engines, worker
+from ffsm_mj.experiments import executors, worker
 from ffsm_mj.experiments.campaign import Campaign
-from ffsm_mj.experiments.driver import EngineLostError
-from ffsm_mj.experiments.engines import loop
+from ffsm_mj.experiments.driver import NoWorkersLeftError
+from ffsm_mj.experiments.executors import loop
 from ffsm_mj.experiments.statistics import groups
 from ffsm_mj.experiments.store import RunRow, Store
 from ffsm_mj.experiments.worker import Job
@@ -115,7 +115,7 @@ def test_dask_workers_with_several_threads_are_refused(tmp_path: Path, monkeypat
         pytest.raises(InputError, match="has 2 threads; start it with --nthreads 1"),
     ):
         campaign.run(dask=cluster.scheduler_address)
-    monkeypatch.setattr(engines, "_ANSWER_S", 1)
+    monkeypatch.setattr(executors, "_ANSWER_S", 1)
     with pytest.raises(InputError, match=r"dask='tcp://127\.0\.0\.1:1': no scheduler answers there"):
         campaign.run(dask="tcp://127.0.0.1:1")
 
@@ -282,9 +282,9 @@ def test_a_scheduler_that_is_killed_is_a_loss_of_nothing(
         def kill(done: float, _: float) -> None:
             if done >= 5:
                 scheduler.kill()
-                monkeypatch.setattr(engines, "_ANSWER_S", 1)
+                monkeypatch.setattr(executors, "_ANSWER_S", 1)
 
-        with pytest.raises(EngineLostError, match="rows so far are kept"):
+        with pytest.raises(NoWorkersLeftError, match="rows so far are kept"):
             campaign.run(dask=address, report=kill)
     finally:
         scheduler.kill()
