@@ -333,3 +333,51 @@ def tautens(folder: Path) -> Path:
         joint_limits={"cord": {"restitution": 0.0}},
         phases=COAST,
     )
+
+
+ASTEROID = {
+    "orbit": {
+        "body": {"mu_km3_s2": 10.0, "radius_km": 5.0},
+        "kind": "elliptic",
+        "semi_major_axis_km": 9.0,
+        "eccentricity": 0.2,
+        "true_anomaly_deg": 40.0,
+    },
+    "world_axes": "lvlh",
+}
+"""An orbit of 0.12 rad/s about a body denser than any: tides of 0.03 m/s^2 at 1 m, so that each part is seen."""
+
+
+def orbits(folder: Path) -> Path:
+    """In orbit an arm grasps a box, and measures how it moves it; a ball hits another box."""
+    # Heavy axes of inertia that differ: gradient torques of 0.01 N m.
+    box_in_hand = box("box", mass=2.0, half="0.1 0.1 0.1", inertia="0.1 0.3 0.35", site=f'pos="-0.1 0.02 0.01" {_FRAME}')
+    robot = ARM.replace("</body></body></body>", f'<site name="hand" pos="0.3 0 0" {_FRAME}/></body></body></body>')
+    law = _played(folder, shoulder_N_m=lambda t: math.sin(9.0 * t), elbow_N_m=lambda t: 0.5 * math.cos(7.0 * t))
+    return scene(
+        folder,
+        robot,
+        {"box": box_in_hand, "ball": ball("ball"), "far": box("far", mass=3.0, half="0.1 0.2 0.2", inertia="0.1 0.3 0.2")},
+        environment=ASTEROID,
+        duration_s=0.3,
+        time_step_s=2e-3,
+        control_period_s=4e-3,
+        initial={
+            "joints": {
+                "robot/free": [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
+                "box/free": [1.09, -0.02, 0.0, 1.0, 0.0, 0.0, 0.0],
+                "ball/free": [4.0, 3.0, 1.0, 1.0, 0.0, 0.0, 0.0],
+                "far/free": [4.25, 3.05, 1.0, *TURN],
+            },
+            "rates": {
+                "robot/free": [0.0, 0.0, 0.0, 0.1, -0.1, 0.2],
+                "box/free": [-0.3, 0.02, 0.03, 0.3, -0.2, 0.4],
+                "ball/free": [0.6, 0.0, 0.1, 0.0, 0.0, 0.0],
+                "far/free": [0.0, 0.0, 0.0, 0.2, -0.3, 0.4],
+            },
+        },
+        sensors={"force": {"kind": "force", "of": "robot/hand"}, "torque": {"kind": "torque", "of": "robot/hand"}},
+        grasps={"grasp": {"robot_site": "hand", "object_site": "box/handle", "when": {"within": {"position_m": 0.05}}}},
+        contacts={"rules": [{"between": ["ball/ball", "far/far"], "restitution": 0.5, "name": "far"}]},
+        phases=[{"name": "meet", "until": "end", "arm": ["grasp"], "controller": law}],
+    )

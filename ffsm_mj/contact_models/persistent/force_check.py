@@ -15,10 +15,11 @@ The forces found in these modes must satisfy Coulomb's conditions: no normal for
 inside their cones, friction of sliding points opposes their slip, and no gap of a point without force closes.
 
 Independent of what computes the forces of a run are thus points, normals, gap accelerations, Jacobians, Delassus matrix and
-the solution for the forces. Shared are the mass matrix and the smooth forces, which are MuJoCo's; the choice among candidate
-points; the modes, and the directions of slips too slow to have one; the rows of closed loops and of joints that stick; the
-shares of forces inside their cones (:func:`~ffsm_mj.contact_models.persistent.friction.internal_forces.least_in_cones`), of
-which any will do. A wrong point or mode fails by the forces that it needs, unless these satisfy all conditions.
+the solution for the forces. Shared are the mass matrix and the smooth forces, which are MuJoCo's, and those of external
+fields, whose impulses the check *field impulse* computes again; the choice among candidate points; the modes, and the
+directions of slips too slow to have one; the rows of closed loops and of joints that stick; the shares of forces inside
+their cones (:func:`~ffsm_mj.contact_models.persistent.friction.internal_forces.least_in_cones`), of which any will do. A
+wrong point or mode fails by the forces that it needs, unless these satisfy all conditions.
 """
 
 from __future__ import annotations

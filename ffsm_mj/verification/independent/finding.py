@@ -93,6 +93,8 @@ CONTACT_GEOMETRY = "contact geometry"
 """Normal and point of an impact are those of the nearest points of both geoms, moved apart along the normal."""
 SEVERAL_CONTACTS = "restitution of several contacts"
 """Contacts that meet at one instant, with equal e and without further reflections, separate by (1 + e) plastic impulses."""
+FIELD_IMPULSE = "field impulse"
+"""Impulses of orbit and uniform fields are integrals of the forces that the scenario states, at the states of rows."""
 
 TOLERANCES = {
     # The coefficient is copied from the scenario: a difference is none or one of coefficients.
@@ -120,5 +122,7 @@ TOLERANCES = {
     CONTACT_GEOMETRY: 1e-4,
     # As the check "impact restitution": speeds are known to some 1e-13.
     SEVERAL_CONTACTS: CHECK_TOLERANCE,
+    # As the checks of energy and momenta, into which these enter; what the quadrature may miss is subtracted.
+    FIELD_IMPULSE: CHECK_TOLERANCE,
 }
 """Tolerance of each check: allowed is this times (1 + scale), where the scale is that of the numbers that cancel."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from ffsm_mj.model.system import System
 from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.verification.independent.field_impulses import field_impulses
 from ffsm_mj.verification.independent.finding import Finding
 from ffsm_mj.verification.independent.grasps import grasp_bounds, grasp_load, grasps
 from ffsm_mj.verification.independent.impacts import (
@@ -55,6 +56,7 @@ def independent_findings(log: RunLog, kept: KeptRows, system: System, scenario: 
         lambda: grasp_bounds(scene, rows),
         lambda: contact_geometry(scene),
         lambda: several_contacts(scene, rows),
+        lambda: field_impulses(scene, rows),
     )
     return [finding for check in checks for finding in _or_none(check) or []]
 

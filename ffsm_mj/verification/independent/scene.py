@@ -18,6 +18,7 @@ from ffsm_mj.records.load_columns import logged_load_columns
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import Layout, coordinate_keys, effort_key, identifier, rate_keys
 from ffsm_mj.tolerances import RANK
+from ffsm_mj.verification.independent.fields import KnownFields
 from ffsm_mj.verification.independent.finding import Array
 from ffsm_mj.verification.independent.kept_rows import SAME_TIME_S, KeptRows
 
@@ -53,6 +54,7 @@ class LoggedScene:
         model: A MuJoCo model of its own, with sensors.
         data: Data of that model.
         grasps: All grasps of the scenario, by name.
+        fields: Its external fields, as far as they are no code of users.
     """
 
     def __init__(self, log: RunLog, layout: Layout, system: System, scenario: Mapping[str, Any]) -> None:
@@ -74,13 +76,15 @@ class LoggedScene:
         contact = [key for key in layout.keys if key.startswith("contact.")]
         self._states = layout.places([key for key in contact if key.endswith(("_mode", "_limit"))])
         self.grasps = {name: self._latch(name, stated) for name, stated in (scenario.get("grasps") or {}).items()}
+        self.fields = KnownFields(scenario)
+        self._field_force = np.zeros(self.model.nv)
 
     def _latch(self, name: str, stated: Mapping[str, Any]) -> Latched:
         robot, child = (self.system.index("site", stated[key]) for key in ("robot_site", "object_site"))
         return Latched(name, robot, child, stopped_rows(stated.get("joint", "rigid"), stated.get("axis") or ()))
 
     def put(self, qpos: Any, qvel: Any, efforts: Any = None, time_s: float = 0.0) -> None:
-        """Put the data to a state, with positions, velocities, passive and actuator forces current.
+        """Put the data to a state, with positions, velocities, passive and actuator forces and external fields current.
 
         Args:
             qpos: Coordinates, (nq,).
@@ -100,6 +104,26 @@ class LoggedScene:
         mujoco.mj_fwdPosition(self.model, data)
         mujoco.mj_fwdVelocity(self.model, data)
         mujoco.mj_fwdActuation(self.model, data)
+        self._apply_fields()
+
+    def _apply_fields(self) -> None:
+        """Write the wrenches of external fields into ``data.xfrc_applied``, and their generalised forces."""
+        model, data = self.model, self.data
+        self._field_force[:] = 0.0
+        for body, wrench in self.field_wrenches():
+            data.xfrc_applied[body] = wrench
+            mujoco.mj_applyFT(model, data, wrench[:3], wrench[3:], data.xipos[body], body, self._field_force)
+
+    def field_wrenches(self) -> list[tuple[int, Array]]:
+        """Ids of the moving bodies, and force and torque of external fields about their mass centres, world axes, (6,)."""
+        model, data = self.model, self.data
+        moving = [body for tree in self.system.trees for body in tree.bodies if model.body_mass[body] > 0.0]
+        wrenches = []
+        for body in moving if self.scenario.get("environment") else ():
+            axes = data.ximat[body].reshape(3, 3)
+            inertia = axes * model.body_inertia[body] @ axes.T
+            wrenches.append((body, self.fields.wrench(data.time, model.body_mass[body], data.xipos[body], inertia)))
+        return wrenches
 
     def put_row(self, row: Array, efforts: Any = None) -> None:
         """The same for a row of the log and, unless others are given, its own efforts."""
@@ -130,9 +154,9 @@ class LoggedScene:
         return M
 
     def free_force(self) -> Array:
-        """Generalised forces of springs, dampers, gravity and actuators, less those of inertia, (nv,)."""
+        """Generalised forces of springs, dampers, gravity, external fields and actuators, less those of inertia, (nv,)."""
         data = self.data
-        return np.asarray(data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias)
+        return np.asarray(data.qfrc_passive + data.qfrc_actuator + self._field_force - data.qfrc_bias)
 
     def body_rows(self, body: int, point: Array, *, rates: bool = False) -> Array:
         """Jacobian of the twist of a body at a point, linear part first, or its rate, (6, nv)."""
@@ -242,8 +266,7 @@ def forces_known(scene: LoggedScene) -> bool:
     """Whether all forces but those of contacts, limits and grasps are known from models and efforts."""
     model = scene.model
     rubs = np.any(model.dof_frictionloss) or np.any(model.tendon_frictionloss)
-    plugins = scene.scenario.get("contact_models") or scene.scenario.get("environment")
-    return not plugins and model.neq == 0 and not rubs
+    return not scene.scenario.get("contact_models") and scene.fields.are_all and model.neq == 0 and not rubs
 
 
 def is_out_of_contact(scene: LoggedScene, row: Array) -> bool:

@@ -21,13 +21,13 @@ def heavy(model: str) -> str:
     return model.replace('<option gravity="0 0 0"/>', WEIGHT)
 
 
-def bouncing(folder, **changes):
+def bouncing(folder, *, weight=heavy, **changes):
     """A ball falls 0.2 m, bounces with e = 0.5 and comes to rest: its bounces last 0.2 s and less, those below 2 ms none."""
     return ffsm_mj.run(
         scene(
             folder,
-            heavy(ball(joints="z")),
-            {"floor": FLOOR},
+            weight(ball(joints="z")),
+            {"floor": weight(FLOOR.replace(WEIGHT, '<option gravity="0 0 0"/>'))},
             fixed={"floor": {"position_m": [0, 0, -0.5]}},
             conservative=False,
             initial={"joints": {"z": 0.3}},
@@ -36,6 +36,12 @@ def bouncing(folder, **changes):
             **changes,
         )
     )
+
+
+def pulled(folder):
+    """The same without gravity, in a uniform field."""
+    environment = {"fields": [{"kind": "uniform", "acceleration_m_s2": [0, 0, -9.81]}]}
+    return bouncing(folder, weight=str, environment=environment)
 
 
 def chain(folder):

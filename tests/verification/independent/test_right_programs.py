@@ -25,6 +25,7 @@ from tests.verification.independent.scenes import (
     holding,
     independent,
     measuring,
+    pulled,
     sliding,
 )
 
@@ -33,10 +34,18 @@ LATCHES = ["rigid", "ball", "hinge", "slide", "cylindrical"]
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
-    made = {"bouncing": bouncing, "chain": chain, "sliding": sliding, "holding": holding, "measuring": measuring}
+    made = {
+        "bouncing": bouncing,
+        "pulled": pulled,
+        "chain": chain,
+        "sliding": sliding,
+        "holding": holding,
+        "measuring": measuring,
+    }
     found = {name: make(tmp_path_factory.mktemp(name)) for name, make in made.items()}
     of_mutants = {
-        make.__name__: make(tmp_path_factory.mktemp("scene")) for make in (scenes.bounces, scenes.hits, scenes.holds)
+        make.__name__: make(tmp_path_factory.mktemp("scene"))
+        for make in (scenes.bounces, scenes.hits, scenes.holds, scenes.orbits)
     }
     return found | {name: ffsm_mj.run(path) for name, path in of_mutants.items()}
 

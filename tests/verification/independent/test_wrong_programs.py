@@ -15,7 +15,7 @@ from ffsm_mj.replay import replay_log
 from ffsm_mj.scenario.contacts import ContactsConfig
 from ffsm_mj.sensing import sensor
 from ffsm_mj.sensing.group import SensorGroup
-from tests.verification.independent.scenes import bouncing, chain, failing, holding, independent, measuring, sliding
+from tests.verification.independent.scenes import bouncing, chain, failing, holding, independent, measuring, pulled, sliding
 
 
 def caught(run):
@@ -45,10 +45,11 @@ def test_contacts_that_come_to_rest_too_soon_or_too_late(tmp_path, monkeypatch, 
     assert caught(bouncing(tmp_path)) == {"restitution used"}
 
 
-@pytest.mark.long
-def test_a_contact_that_never_bounces(tmp_path, monkeypatch):
+@pytest.mark.long(one_of=2)
+@pytest.mark.parametrize("bounces", [bouncing, pulled])
+def test_a_contact_that_never_bounces(tmp_path, monkeypatch, bounces):
     monkeypatch.setattr(RestRule, "least_speeds", lambda _, pressing: np.full_like(pressing, np.inf))
-    assert caught(bouncing(tmp_path)) == {"restitution used"}
+    assert caught(bounces(tmp_path)) == {"restitution used"}
 
 
 def test_the_sign_of_the_heat_of_friction(tmp_path, monkeypatch):
