@@ -38,6 +38,7 @@ from ffsm_mj.dynamics.site_motion import MovingFrame, SiteMotion
 from ffsm_mj.dynamics.stack_momentum import StackMomentum
 from ffsm_mj.dynamics.trajectories import MinimumJerk, TargetMotion
 from ffsm_mj.errors import ControllerError, Fault, ScenarioFaults, unknown_name
+from ffsm_mj.fields.orbit import LvlhAxes, Orbit
 from ffsm_mj.model.actuators import is_servo
 from ffsm_mj.model.driven_joints import (
     DrivenJoints,
@@ -89,11 +90,13 @@ __all__ = [
     "IntArray",
     "Joint",
     "LawInCore",
+    "LvlhAxes",
     "Measurement",
     "MinimumJerk",
     "MovingFrame",
     "Observation",
     "OfCore",
+    "Orbit",
     "PhaseRecord",
     "RecordedTable",
     "ReducedModel",
@@ -197,6 +200,7 @@ class ControllerContext:
         grasped: Of an estimator: the systems with a grasped object by the name of the grasp, as control laws know them.
         external_field: External fields in that model: ``add_to(data, force)`` adds their generalised forces at the state
             in ``data``, (nv,); None: there are none.
+        orbit: Orbit of the origin of the world axes; None: there is none.
     """
 
     system: System
@@ -208,6 +212,19 @@ class ControllerContext:
     recorded: Mapping[str, RecordedTable] = field(default_factory=dict)
     grasped: Mapping[str, System] = field(default_factory=dict)
     external_field: FieldForces | None = None
+    orbit: Orbit | None = None
+
+    def lvlh_axes(self, frame: str) -> LvlhAxes | None:
+        """Axes of the set points of a law with the key ``frame``: LVLH axes, or None for those of the world.
+
+        Raises:
+            ScenarioFaults: LVLH axes without an orbit.
+        """
+        if frame != "lvlh":
+            return None
+        if self.orbit is None:
+            raise ScenarioFaults([Fault("'lvlh' needs 'environment.orbit'", ("frame",))])
+        return LvlhAxes(self.orbit)
 
 
 class Observation(NamedTuple):

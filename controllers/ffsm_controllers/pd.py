@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from ffsm_mj.controller_protocol import (
     Command,
@@ -26,6 +27,16 @@ from ffsm_mj.controller_protocol import (
 )
 
 Gain = Annotated[float, Field(ge=0.0)]
+
+
+def _is_unit(quaternion: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    if abs(math.hypot(*quaternion) - 1.0) > 1e-3:
+        raise ValueError(f"is no unit quaternion: its norm is {math.hypot(*quaternion):.4g}")
+    return quaternion
+
+
+Quaternion = Annotated[tuple[float, float, float, float], AfterValidator(_is_unit)]
+"""A rotation, w, x, y, z."""
 
 
 class PdConfig(StrictModel):

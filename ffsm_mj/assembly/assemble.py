@@ -30,6 +30,7 @@ from ffsm_mj.contact_models.grasp.model import GraspModel
 from ffsm_mj.contact_models.interface import Source
 from ffsm_mj.controller_protocol import ControllerContext, Task
 from ffsm_mj.errors import Fault, Faults, InputError, ScenarioFaults, unknown_name
+from ffsm_mj.fields.orbit import Orbit
 from ffsm_mj.model.properties import PropertyChange
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Row
@@ -255,6 +256,7 @@ def _contexts(
     """What control laws are made for: in the scene (empty name), and while an object is grasped, by the grasp's name."""
     systems = {"": system} | {name: grasped.controller_system or grasped.system for name, grasped in grasped_systems.items()}
     fields = next((source for source in plant.integrator.sources if isinstance(source, ExternalFields)), None)
+    around = scenario.environment
     return {
         name: ControllerContext(
             grasped,
@@ -263,6 +265,7 @@ def _contexts(
             limits=plant.actuation.envelope,
             sensors=plant.sampler.by_name if plant.sampler is not None else {},
             external_field=None if fields is None else fields.forces_in(grasped),
+            orbit=None if around is None or around.orbit is None else Orbit.of(around.orbit, around.world_axes),
         )
         for name, grasped in systems.items()
     }

@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 
+import mujoco
 import numpy as np
 
 from ffsm_mj._core.fields import KeplerOrbit, OrbitalField
@@ -157,6 +158,49 @@ class Orbit:
             out_of_plane = -self.oblateness / square**2.5 * (oblate * z).sum(axis=-1, keepdims=True)
             spin = spin + out_of_plane / (spin * z).sum(axis=-1, keepdims=True) / np.sqrt(square) * x
         return axes @ _LVLH, spin
+
+
+class LvlhAxes:
+    """LVLH axes at the time of the last update: what is stated in them, in world axes.
+
+    Attributes:
+        axes: The axes as columns in world axes, (3, 3).
+        spin: Their angular velocity in world axes, rad/s, (3,).
+        spin_rate: Its rate of change, without that of J2 on the orbital plane, rad/s^2, (3,).
+    """
+
+    def __init__(self, orbit: Orbit) -> None:
+        """Begin at t = 0."""
+        self._orbit = orbit
+        self.update(0.0)
+
+    def update(self, time_s: float) -> None:
+        """Move on to a time."""
+        R, V = self._orbit.reference.state(time_s)
+        self.axes, self.spin = self._orbit.lvlh(R, V)
+        # The angular momentum h = R^2 spin of an orbit is constant.
+        self.spin_rate = -2.0 * float(R @ V) / float(R @ R) * self.spin
+
+    def attitude(self, quaternion: FloatArray) -> FloatArray:
+        """Quaternion to world axes of one to LVLH axes, (4,)."""
+        turned = np.empty(4)
+        mujoco.mju_mulQuat(turned, self._quaternion(), quaternion)
+        return turned
+
+    def relative(
+        self, position: FloatArray, velocity: FloatArray, quaternion: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Position, velocity and attitude relative to LVLH axes for those in world axes, (3,), (3,), (4,)."""
+        inverse, turned = np.empty(4), np.empty(4)
+        mujoco.mju_negQuat(inverse, self._quaternion())
+        mujoco.mju_mulQuat(turned, inverse, quaternion)
+        return position @ self.axes, (velocity - np.cross(self.spin, position)) @ self.axes, turned
+
+    def _quaternion(self) -> FloatArray:
+        """That of the axes."""
+        quaternion = np.empty(4)
+        mujoco.mju_mat2Quat(quaternion, self.axes.ravel())
+        return quaternion
 
 
 def hill_axes(position: FloatArray, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -80,6 +80,16 @@ CASES = {
         {"kind": "joint_path", "bandwidth_rad_s": 1.0, "waypoints": [{"at_s": 0.6, "positions": [0.1, 0.2, 0.3]}]}
     ),
     "base_pd": lambda folder: craft(folder, {"controller": {"kind": "base_pd", **BASE}}),
+    "base_pd, on a path": lambda folder: craft(
+        folder,
+        {
+            "controller": {
+                "kind": "base_pd",
+                **BASE,
+                "translation": BASE["translation"] | {"waypoints": [{"at_s": 0.6, "position_m": [1.0, 2.5, -1.0]}]},
+            }
+        },
+    ),
     "free_flying": lambda folder: craft(
         folder, {"controller": {"kind": "free_flying", **BASE, "wheels": WHEELS, "arm": {"kp": 3.0, "kd": 2.0}}}
     ),

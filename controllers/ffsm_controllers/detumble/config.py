@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, PositiveFloat, model_validator
 
+from ffsm_controllers.base_control import Frame
 from ffsm_mj.controller_protocol import StrictModel
 
 Share = Annotated[float, Field(gt=0.0, le=1.0)]
@@ -56,6 +57,8 @@ class DetumbleConfig(StrictModel):
     """The angular momentum of robot and grasped object, except that of the wheels, is brought to zero."""
 
     kind: Literal["detumble"]
+    frame: Frame = "world"
+    """Axes in which the stack comes to rest: ``world``, or with an orbit ``lvlh``, with which it then turns."""
     wheels: tuple[str, ...] = ()
     """Motors of reaction wheels, which take the momentum first."""
     thrusters: tuple[str, ...] = ()

@@ -6,6 +6,9 @@ share s <= 1 is the largest that torque limits of all driven joints and the boun
 arm and everything that floats are one system: u = M_c qdd + c_c with the reduced dynamics of wheels and arm, so that the
 arm is held, or moves, while the stack is slowed down.
 
+In LVLH axes, which turn at Omega, the stack is to turn with them: L_r is then without J Omega, J its inertia. The rate of
+J Omega and the torque of external fields are fed forward: the wheels take them too.
+
 A wheel at its maximum speed is left out; what the others cannot span is taken by thrusters, which then also unload the
 saturated wheels: they keep L_r at a small value opposite to the momentum of these wheels, which the wheels follow.
 
@@ -65,7 +68,12 @@ class Detumble(Stateful):
     Config = DetumbleConfig
     after_others = True
     telemetry_signals: ClassVar[tuple[Signal, ...]] = (
-        Signal("controller", "stack_momentum_N_m_s", "N m s", "angular momentum of the stack without that of its wheels"),
+        Signal(
+            "controller",
+            "stack_momentum_N_m_s",
+            "N m s",
+            "angular momentum of the stack without that of its wheels, less that to keep",
+        ),
         Signal("controller", "wheel_momentum_N_m_s", "N m s", "angular momentum of the wheels relative to their bearings"),
         Signal("controller", "detumble_share", "", "share of the demanded rate of momentum that the limits leave"),
     )
@@ -90,6 +98,7 @@ class Detumble(Stateful):
         thrusters = actuators_by_name(context.system, config.thrusters, "thrusters")
         self._thrusters = MomentumThrusters(context.system, thrusters, limits) if len(thrusters) else None
         self._latch = GraspLoad(config.latch, context.system)
+        self._axes = context.lvlh_axes(config.frame)
         self._unit, self._turning = unit_moments(self._mj), np.empty((3, self._mj.nv))
         self._outcome = DetumbleOutcome(config, resolved.wheel_names)
         self._dumping = False
@@ -116,7 +125,9 @@ class Detumble(Stateful):
         data = observation.data
         rest, h = self._stack.parts(data)
         columns = self._stack.wheel_columns(data)[:, self._wheel]
-        demand = self._config.rate_1_s * rest
+        wanted, torque = self._wanted(observation.time_s, data)
+        rest = rest - wanted
+        demand = self._config.rate_1_s * rest + torque
         coupling = self._momentum_keeping(data, columns)
         rates = self._rates(data) + self._context.control_period_s * coupling
         share = self._wheel_share(columns, demand, rates)
@@ -124,6 +135,29 @@ class Detumble(Stateful):
         pushed = moments(self._mj, data, self._unit).T @ command.others if command.others.any() else None
         s, thrust = self._drive(observation, command, coupling, share, asked, pushed)
         self._outcome.look(observation.time_s, rest, h, s, share, thrust)
+
+    def _wanted(self, time_s: float, data: Any) -> tuple[FloatArray, FloatArray]:
+        """Angular momentum that is to be left, and what changes the rest without wheels and thrusters, (3,) each.
+
+        The latter is the torque of external fields less the rate of the former.
+        """
+        wanted, torque, field, axes = np.zeros(3), np.zeros(3), self._context.external_field, self._axes
+        root = self._context.system.robot.root
+        if field is not None:
+            force, answer = np.zeros((1, self._mj.nv)), np.empty((1, self._mj.nv))
+            field.add_to(data, force[0])
+            self._constrained.respond(data, force, answer)
+            mujoco.mj_angmomMat(self._mj, data, self._turning, root)
+            torque = self._turning @ answer[0]
+        if axes is not None:
+            axes.update(time_s)
+            # Composite inertia of the tree about its mass centre: xx, yy, zz, xy, xz, yz.
+            inertia = data.crb[root][[[0, 3, 4], [3, 1, 5], [4, 5, 2]]]
+            mujoco.mj_jacBody(self._mj, data, None, self._turning, root)
+            turning, wanted = self._turning @ data.qvel, inertia @ axes.spin
+            # The inertia is constant in the stack, which turns.
+            torque = torque - cross(turning, wanted) + inertia @ (cross(turning, axes.spin) - axes.spin_rate)
+        return wanted, torque
 
     def _drive(
         self,

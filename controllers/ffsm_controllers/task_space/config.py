@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated
 
-from pydantic import Field, PositiveFloat, field_validator
+from pydantic import Field, PositiveFloat
 
-from ffsm_controllers.pd import Gain
+from ffsm_controllers.pd import Gain, Quaternion
 from ffsm_mj.controller_protocol import Fault, ScenarioFaults, StrictModel, System
 
 _Name = Annotated[str, Field(min_length=1)]
@@ -25,15 +24,8 @@ class TaskLawConfig(StrictModel):
 class AttitudeTarget(StrictModel):
     """Attitude that the tip is to have."""
 
-    target: tuple[float, float, float, float] | None = None
+    target: Quaternion | None = None
     """Quaternion w, x, y, z of the tip's frame in world axes; left out: that at the start of the phase."""
-
-    @field_validator("target")
-    @classmethod
-    def _is_a_rotation(cls, target: tuple[float, float, float, float] | None) -> tuple[float, float, float, float] | None:
-        if target is not None and abs(math.hypot(*target) - 1.0) > 1e-3:
-            raise ValueError(f"is no unit quaternion: its norm is {math.hypot(*target):.4g}")
-        return target
 
 
 class PositionAccelerations(StrictModel):

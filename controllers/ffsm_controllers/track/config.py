@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, PositiveFloat
 
+from ffsm_controllers.base_control import Frame
 from ffsm_controllers.pd import Gain
 from ffsm_mj.controller_protocol import StrictModel
 
@@ -55,6 +56,8 @@ class RotationGains(StrictModel):
 class BaseConfig(StrictModel):
     """The base held by the actuators that are named; what they do to the site is known to the arm."""
 
+    frame: Frame = "world"
+    """Axes in which it is held: ``world``, or with an orbit ``lvlh``, which turn."""
     thrusters: tuple[_Name, ...] = ()
     """Actuators that push the base: body-fixed at sites, or ideal ones on base joints."""
     wheels: tuple[_Name, ...] = ()

@@ -36,7 +36,6 @@ from ffsm_mj.controller_protocol import (
     ScenarioFaults,
     Signal,
     Stateful,
-    System,
 )
 from ffsm_mj.task_model import TaskModel
 
@@ -94,7 +93,7 @@ class Track(Stateful):
         self._holds = bool(grasped_tree) and self._model.site(target).name.startswith(f"{grasped_tree}/")
         bound = config.max_torque_N_m
         self._bound = None if bound is None else per_joint(bound, count, "max_torque_N_m")
-        self._base = None if config.base is None else _base_control(config.base, system)
+        self._base = None if config.base is None else _base_control(config.base, context)
         self._unit = unit_moments(self._model)
         self.telemetry_signals: tuple[Signal, ...] = (*_POSITION, *(_ATTITUDE if turns else ()), *_ARM)
         self._report: tuple[float, ...] = (math.nan,) * len(self.telemetry_signals)
@@ -236,15 +235,16 @@ def _robot_site(config: TrackConfig, context: ControllerContext) -> str:
     return full
 
 
-def _base_control(config: BaseConfig, system: System) -> BaseControl:
+def _base_control(config: BaseConfig, context: ControllerContext) -> BaseControl:
     translation, rotation = config.translation, config.rotation
     try:
         return BaseControl(
-            system,
+            context.system,
             config.thrusters,
             config.wheels,
             None if translation is None else Stiffness(translation.kp_N_m, translation.kd_N_s_m),
             None if rotation is None else Stiffness(rotation.kp_N_m_rad, rotation.kd_N_m_s_rad),
+            axes=context.lvlh_axes(config.frame),
         )
     except ScenarioFaults as faults:
         raise ScenarioFaults([Fault(f.message, ("base", *f.path)) for f in faults.faults]) from faults
