@@ -376,7 +376,7 @@ def orbits(folder: Path) -> Path:
                 "far/free": [0.0, 0.0, 0.0, 0.2, -0.3, 0.4],
             },
         },
-        sensors={"force": {"kind": "force", "of": "robot/hand"}, "torque": {"kind": "torque", "of": "robot/hand"}},
+        sensors={kind: {"kind": kind, "of": "robot/hand"} for kind in ("force", "torque", "accelerometer")},
         grasps={"grasp": {"robot_site": "hand", "object_site": "box/handle", "when": {"within": {"position_m": 0.05}}}},
         contacts={"rules": [{"between": ["ball/ball", "far/far"], "restitution": 0.5, "name": "far"}]},
         phases=[{"name": "meet", "until": "end", "arm": ["grasp"], "controller": law}],

@@ -60,6 +60,10 @@ class KnownFields:
         wrench = np.concatenate((mass * self._uniform, np.zeros(3)))
         return wrench if self.orbit is None else wrench + self.orbit.wrench(time_s, mass, position, inertia)
 
+    def acceleration(self, time_s: float, position: Array) -> Array:
+        """Acceleration of a free mass at a position, world axes, m/s^2, (3,)."""
+        return self._uniform if self.orbit is None else self._uniform + self.orbit.tide(time_s, position)
+
 
 class Orbit:
     """The orbit of the origin of a scene, and what gravitation leaves in its free fall."""

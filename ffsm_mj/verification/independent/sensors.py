@@ -279,10 +279,19 @@ def sensor_values(scene: LoggedScene, rows: LoggedRows, sensors: Sequence[Sensor
             if closed and sensor.model.kind.startswith("subtree"):
                 continue  # MuJoCo's subtree of a link contains what it grasps
             value = np.array(scene.data.sensor(sensor.name).data)
+            if sensor.model.kind == "accelerometer":
+                value -= _free_fall(scene, sensor.name)
             if sensor.model.shape == "rotation" and value @ logged < 0.0:
                 value = -value  # both signs are one orientation
             worst.add(sensor.name, value - logged, logged, rows.time_s(at), sensor.model.unit)
     return worst.findings
+
+
+def _free_fall(scene: LoggedScene, name: str) -> Array:
+    """Acceleration of a free mass at the site of an accelerometer, in its axes: MuJoCo takes off uniform gravity alone."""
+    site = int(scene.model.sensor(name).objid[0])
+    falls = scene.fields.acceleration(scene.data.time, scene.data.site_xpos[site])
+    return np.asarray(falls @ scene.data.site_xmat[site].reshape(3, 3))
 
 
 def _put(scene: LoggedScene, rows: LoggedRows, at: int, *, with_forces: bool) -> bool:
