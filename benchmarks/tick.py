@@ -129,7 +129,7 @@ def in_core(prepared: PreparedRun, calls: int) -> dict[str, tuple[float, int]]:
         simulation.begin()
         for _ in range(FIRST_TICKS):
             simulation.advance()
-        step_s, flight, work = prepared.scenario.time_step_s, plant.integrator.motion.free_flight, plant.balance.work
+        step_s, flight, work = prepared.scenario.time_step_s, plant.integrator.motion.stepper, plant.balance.work
         filler, sampled, watched = simulation._log._rows.filler, plant.balance._buffer.on_sample, simulation._watch.model
         law = assembly.controller.phases[0].law("").law_of_core()
         parts: dict[str, tuple[Callable[[], object], int]] = {

@@ -364,12 +364,12 @@ cdef class SteadyContacts(SteadyForces):
         """Add the contact forces to ``data.qfrc_applied``, which holds all other applied forces."""
         cdef StageInMemory stage
         cdef Py_ssize_t i, n
-        closed, forced = self.closed, self.closed.motion.forced
+        closed, stepper = self.closed, self.closed.motion.forced_stepper
         # Stages of an implicit step are solved together with the forces, which this shortcut does not do.
-        if data is not self.data or forced.implicit or not self.may_be():
+        if data is not self.data or stepper.implicit or not self.may_be():
             closed.push(data)
             return
-        if forced.inside:
+        if stepper.inside:
             closed.stages.append(self.inside.add_to(self.applied))
             return
         n = self.applied.shape[0]
@@ -420,7 +420,7 @@ cdef class SteadyContacts(SteadyForces):
         cdef Py_ssize_t s, i, g, n, first
         if not self.holds():
             return False
-        stages, weights = self.closed.stages, self.closed.motion.forced.weights
+        stages, weights = self.closed.stages, self.closed.motion.forced_stepper.weights
         n = weights.shape[0]
         first = len(stages) - 1 - n  # the last one of all is at the end of the step
         # Too few stages: the step was cut short, or began before the contacts were steady.

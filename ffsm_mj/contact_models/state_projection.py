@@ -95,7 +95,7 @@ class StateProjection(Stateful):
         before, qpos = self._energy_and_momenta(motion), data.qpos.copy()
         project(motion, rows_now, self._free, projected)
         motion.path.on_event_located()
-        motion.free_flight.account(0.0)  # its energy and momentum are those of other velocities
+        motion.stepper.account(0.0)  # its energy and momentum are those of other velocities
         now = self._energy_and_momenta(motion)
         energy, impulse, total = (after - then for after, then in zip(now, before, strict=True))
         # Only the sum of what fixed bodies absorb is known: it is entered for the robot if they touch it, else for the

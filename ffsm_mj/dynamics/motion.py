@@ -36,8 +36,8 @@ class Motion:
         momentum: Generalised momentum M qdot at the state in ``data``, (nv,).
         momenta: This array, and those of other motions that follow this one: all that a move along the path may change.
         path: The last step as a path.
-        free_flight: Stepper in use; it accumulates the motion bound.
-        forced: The same, while forces are applied; None without any.
+        stepper: Stepper in use; it accumulates the motion bound.
+        forced_stepper: The same, while forces are applied; None without any.
         bodies: Id in this model of each body of the logged system.
         dofs: Index in this model of each degree of freedom of the logged system; -1 for one that it does not have.
         pushes: Applied forces in its stages that depend on the state alone.
@@ -86,9 +86,9 @@ class Motion:
         self.stiff: StiffActuators | None = None
         activations = Activations(model, data) if has_servos(model) else None
         self.activations = activations or None
-        self._unpushed = self.free_flight = self._stepper_without_pushes()
+        self._unpushed = self.stepper = self._stepper_without_pushes()
         self._usual_s, self._free_integrate = model.opt.timestep, self.path.integrate
-        self.forced: ForcedStepper | None = None
+        self.forced_stepper: ForcedStepper | None = None
 
     def _stepper_without_pushes(self) -> FreeStepper:
         """Stepper while no forces are applied. The work of servos follows from stages, which MuJoCo's own step hides."""
@@ -104,14 +104,14 @@ class Motion:
     def make_implicit(self) -> None:
         """Make implicit steps from now on: servos, springs or dampers are too fast for explicit ones."""
         self.stiff = StiffActuators(self.model, self.data, self.response)
-        for stepper in (self._unpushed, self.free_flight):
+        for stepper in (self._unpushed, self.stepper):
             if isinstance(stepper, ForcedStepper):
                 stepper.stiff = self.stiff
 
     @property
     def is_solved(self) -> bool:
         """Whether the equations of the last step were solved: those of an explicit step always are."""
-        return not isinstance(self.free_flight, ForcedStepper) or self.free_flight.solved
+        return not isinstance(self.stepper, ForcedStepper) or self.stepper.solved
 
     @property
     def grasped_bodies(self) -> frozenset[int]:
@@ -132,10 +132,10 @@ class Motion:
             pushed = ForcedStepper(self.model, self.data, self.path.start, self.momentum, every, follow, self.power)
             pushed.stiff, pushed.activations, pushed.bands = self.stiff, self.activations, self._bands
             pushed.field = self.field
-            self.free_flight, self.forced, self.path.integrate = pushed, pushed, pushed.integrate
+            self.stepper, self.forced_stepper, self.path.integrate = pushed, pushed, pushed.integrate
             pushed.refresh()
-        elif self.free_flight is not self._unpushed:
-            self.free_flight, self.forced, self.path.integrate = self._unpushed, None, self._free_integrate
+        elif self.stepper is not self._unpushed:
+            self.stepper, self.forced_stepper, self.path.integrate = self._unpushed, None, self._free_integrate
             clear_applied_forces(self.model, self.data)
 
     def push_without_contacts(self, data: Any) -> None:
@@ -171,8 +171,8 @@ class Motion:
 
     def refresh_forces(self) -> None:
         """Evaluate the applied forces at the state in ``data`` again, after it was set; no effect if there are none."""
-        if self.forced is not None:
-            self.forced.refresh()
+        if self.forced_stepper is not None:
+            self.forced_stepper.refresh()
 
     def model_rates(self, rates: FloatArray) -> FloatArray:
         """Rates of this model for those of the logged system, (nv,): the same for the motion of that system itself."""
@@ -193,9 +193,9 @@ class Motion:
     def step(self, duration_s: float) -> bool:
         """Integrate for a time and update derived quantities; returns whether the motion bound excludes any event."""
         if duration_s == self._usual_s:
-            return self.free_flight.step(duration_s)
+            return self.stepper.step(duration_s)
         with time_step(self.model, duration_s):
-            return self.free_flight.step(duration_s)
+            return self.stepper.step(duration_s)
 
 
 def actuator_power(

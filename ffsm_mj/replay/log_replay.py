@@ -353,7 +353,7 @@ class LogReplay:
         # The core has made this step already, and left it to be completed.
         if self._stepped:
             self._stepped = False
-            if not self._plant.integrator.motion.free_flight.kinked:
+            if not self._plant.integrator.motion.stepper.kinked:
                 return duration_s
             path = self._plant.integrator.motion.path
             path.at_s = math.nan  # the core does not say where it is

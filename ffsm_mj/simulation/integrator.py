@@ -155,7 +155,7 @@ class EventDrivenIntegrator:
         self.motion.push_with(pushes, answers, of_system=of_system)
         for source in self.sources:
             source.restart()
-        self.motion.free_flight.clear(self._event_bound())
+        self.motion.stepper.clear(self._event_bound())
         if self.control is not None:
             self.control.restart()
 
@@ -169,7 +169,7 @@ class EventDrivenIntegrator:
 
     def reconsider(self) -> None:
         """Update the event bound after a contact model has handled a request."""
-        self.motion.free_flight.event_bound = self._event_bound()
+        self.motion.stepper.event_bound = self._event_bound()
 
     def after_event(self, time_s: float) -> None:
         """Store the time of an event: contact models are notified when the next step begins, with its efforts set."""
@@ -208,7 +208,7 @@ class EventDrivenIntegrator:
         if not self._active:
             # A grasped object is part of the model of a motion of its own, which the logged system follows.
             move = None if type(motion).step is Motion.step else motion.step
-            return CoreSteps(move, motion.free_flight, None, *self._bounds(()))
+            return CoreSteps(move, motion.stepper, None, *self._bounds(()))
         if type(motion) is not Motion:
             return None
         # Where forces watch for events themselves, as closed contacts do, others may need a call after each sub-step: no
@@ -217,7 +217,7 @@ class EventDrivenIntegrator:
         forces = self._active[0].begin_steady_steps() if len(self._active) == 1 and not watched else None
         if forces is None:
             return None
-        return CoreSteps(None, motion.free_flight, forces, *self._bounds(self._active))
+        return CoreSteps(None, motion.stepper, forces, *self._bounds(self._active))
 
     def _bounds(self, active: Sequence[Source]) -> tuple[float, tuple[Travel, ...], float]:
         """Event bound of the models that are not active, motions of the coordinates, and the bound within their reach."""
@@ -231,7 +231,7 @@ class EventDrivenIntegrator:
         watching = self._watching()
         if any(math.isinf(source.event_bound) or not source.is_clear() for source in watching):
             return False
-        self.motion.free_flight.event_bound = self._event_bound()
+        self.motion.stepper.event_bound = self._event_bound()
         return not self._watching()
 
     def contacts(self) -> tuple[ActiveContact, ...]:
@@ -245,7 +245,7 @@ class EventDrivenIntegrator:
     @property
     def kinetic_energy_J(self) -> float:
         """Total kinetic energy at the state in ``data``."""
-        return self.motion.free_flight.energy
+        return self.motion.stepper.energy
 
     def advance(self, duration_s: float, *, stepped: bool = False) -> tuple[float, EventSource | None]:
         """Integrate for a time, a sub-step of it, or until the first event.
@@ -261,14 +261,14 @@ class EventDrivenIntegrator:
             UnsupportedContactError: The motion is too fast for event detection.
             StepLimitError: The motion is too fast for the required accuracy.
         """
-        motion, free = self.motion, self.motion.free_flight
-        if stepped and free.kinked:
+        motion, stepper = self.motion, self.motion.stepper
+        if stepped and stepper.kinked:
             motion.path.at_s = duration_s
             step_s, clear = self._to_kink(duration_s, clear=False)
-            clear = clear and free.motion_bound < free.event_bound
+            clear = clear and stepper.motion_bound < stepper.event_bound
         elif stepped:
             motion.path.at_s = step_s = duration_s
-            clear = free.motion_bound < free.event_bound
+            clear = stepper.motion_bound < stepper.event_bound
         else:
             for source in self._watching():
                 if source.due():
@@ -276,13 +276,13 @@ class EventDrivenIntegrator:
             step_s, clear = self._step(duration_s, duration_s)
             self._add_travel(step_s)
         # A non-finite state is reported by the caller; event detection on it would not end.
-        if clear or not math.isfinite(free.energy):
+        if clear or not math.isfinite(stepper.energy):
             return step_s, None
         watching = [source for source in self._watching() if not source.is_clear()]
         motion.path.at_s = step_s
         if not watching:
             self._after_substep(step_s)
-            free.event_bound = self._event_bound()
+            stepper.event_bound = self._event_bound()
             return step_s, None
         first = self._first_event(watching, step_s)
         at_s = step_s if first is None else first[0]
@@ -290,7 +290,7 @@ class EventDrivenIntegrator:
         self._after_substep(at_s)
         for source in self.event_sources:
             source.on_event_located(at_s)
-        motion.free_flight.clear(self._event_bound())
+        motion.stepper.clear(self._event_bound())
         return first if first is not None else (step_s, None)
 
     def _first_event(self, watching: Sequence[EventSource], step_s: float) -> tuple[float, EventSource] | None:
@@ -313,8 +313,8 @@ class EventDrivenIntegrator:
 
     def _watching(self) -> list[EventSource]:
         """Contact models with possible events: the motion bound exceeds their ``event_bound``."""
-        moved = self.motion.free_flight.motion_bound
-        if moved < self.motion.free_flight.event_bound:
+        moved = self.motion.stepper.motion_bound
+        if moved < self.motion.stepper.event_bound:
             return []
         return [source for source in self.event_sources if not source.excludes_events(moved)]
 
@@ -376,7 +376,7 @@ class EventDrivenIntegrator:
         elif not self._active and self._event_s is None and self.motion.stiff is None:  # as in most steps: nothing limits it
             motion, step_s = self.motion, min(most_s, left_s)
             clear, motion.path.at_s = motion.step(step_s), step_s
-            return (step_s, clear) if not motion.free_flight.kinked else self._to_kink(step_s, clear)
+            return (step_s, clear) if not motion.stepper.kinked else self._to_kink(step_s, clear)
         self._begin_step()
         # Step-size control must not try a step that contact forces forbid; events, which shorten a step, do not concern it.
         reach_s = left_s
@@ -405,7 +405,7 @@ class EventDrivenIntegrator:
     def _to_kink(self, step_s: float, clear: bool) -> tuple[float, bool]:
         """The step that was made, or as much of it as there is before a force reaches its limit, or leaves it."""
         motion = self.motion
-        if motion.force_limits is None or not motion.free_flight.kinked:
+        if motion.force_limits is None or not motion.stepper.kinked:
             return step_s, clear
         of_activation = motion.activations.kink_s if motion.activations is not None else math.inf
         at_s = motion.force_limits.first_kink(motion.path, min(step_s, of_activation))

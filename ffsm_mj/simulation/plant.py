@@ -315,4 +315,4 @@ class Plant:
             data.qacc_warmstart.fill(0.0)
         mujoco.mj_forward(model, data)
         self.integrator.motion.sync_from_system()
-        self.integrator.motion.free_flight.clear(math.inf)
+        self.integrator.motion.stepper.clear(math.inf)

@@ -34,7 +34,7 @@ def test_without_a_force_a_step_is_mujocos(step):
     for pushes in ([], [lambda _: None]):
         for motion in tumbling(system, step):
             motion.push_with(pushes)
-            assert type(motion.free_flight).__name__ == ("ForcedStepper" if pushes else "FreeStepper")
+            assert type(motion.stepper).__name__ == ("ForcedStepper" if pushes else "FreeStepper")
         ends.append(np.concatenate((motion.data.qpos, motion.data.qvel)))
     np.testing.assert_allclose(*ends, rtol=0.0, atol=1e-14)
 

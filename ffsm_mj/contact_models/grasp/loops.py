@@ -153,8 +153,8 @@ class LoopExchange:
             forces: Forces of all rows, (n,).
             generalised: Their generalised forces, (nv,).
         """
-        loops, forced, data = self._motion.loops, self._motion.forced, self._motion.data
-        if loops is None or forced is None:
+        loops, stepper, data = self._motion.loops, self._motion.forced_stepper, self._motion.data
+        if loops is None or stepper is None:
             return
         wrenches = np.empty((len(self._signs), 6))
         for i, wrench in zip(self._places, wrenches, strict=True):
@@ -163,18 +163,18 @@ class LoopExchange:
             wrench[3:] += np.cross(point, wrench[:3])
         power = float(generalised[self._robot] @ data.qvel[self._robot])
         # An implicit step evaluates each of its stages repeatedly: the last evaluation counts.
-        if forced.repeats:
-            self._stages[forced.repeats] = wrenches, power
+        if stepper.repeats:
+            self._stages[stepper.repeats] = wrenches, power
         else:
             self._stages.append((wrenches, power))
 
     def over(self, duration_s: float, projected: Exchange | None) -> Exchange | None:
         """Exchange in the (sub-)step, with that of the projection at its start, if any."""
-        forced = self._motion.forced
-        if not self.crosses or forced is None:
+        stepper = self._motion.forced_stepper
+        if not self.crosses or stepper is None:
             return projected
         # Weights of the tableau that made the step: Radau IIA has three nodes, RK4 four stages.
-        weights = duration_s * forced.weights
+        weights = duration_s * stepper.weights
         # The last entry of all is the evaluation at the end of the step.
         stages = self._stages[-1 - len(weights) : -1]
         impulses = np.einsum("s,slc->lc", weights, np.array([wrenches for wrenches, _ in stages]))

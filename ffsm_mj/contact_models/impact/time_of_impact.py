@@ -98,20 +98,20 @@ class Clearances:
 
     def near(self) -> Indices:
         """Indices of the pairs that may be in contact at the state in ``data``."""
-        if self._motion.free_flight.motion_bound < self.energy_reach or self.travel.is_within:
+        if self._motion.stepper.motion_bound < self.energy_reach or self.travel.is_within:
             return NO_PAIRS
         return np.flatnonzero(~(self._clearance > 0.0))
 
     def after_step(self) -> Indices:
         """Indices of the pairs that may have been in contact during the last step."""
-        forced = self._motion.free_flight
-        if forced.motion_bound < self.energy_reach or self.travel.is_within:
+        stepper = self._motion.stepper
+        if stepper.motion_bound < self.energy_reach or self.travel.is_within:
             return NO_PAIRS
-        rows, parts = self._by_joints.rows, (forced.motion_bound - self._start, forced.last_increment)
+        rows, parts = self._by_joints.rows, (stepper.motion_bound - self._start, stepper.last_increment)
         moved = zip((self.travel.travelled, self.travel.last), map(self._by_energy, parts), strict=True)
         # Both bounds hold: the smaller one counts for each pair.
         closed, last = (np.minimum(rows @ by_rates, by_energy) for by_rates, by_energy in moved)
-        return self._exhausted(closed, last, forced.motion_bound)
+        return self._exhausted(closed, last, stepper.motion_bound)
 
     def _by_energy(self, motion_bound: float) -> FloatArray:
         """Largest closing of each pair in a motion, m."""
@@ -229,7 +229,7 @@ class LimitClearances:
     def after_step(self) -> Indices:
         """Indices of the limits that joints may have reached during the last step."""
         motion: Any = self._motion
-        if motion.free_flight.motion_bound < self.energy_reach:
+        if motion.stepper.motion_bound < self.energy_reach:
             return NO_PAIRS
         start, data = motion.path.start, self._data
         after, values = self._gaps(self._coordinates.at(data)), start[self._start_qpos]
@@ -244,7 +244,7 @@ class LimitClearances:
         travel = BOUND_MARGIN * (motion.data.time - float(start[0])) * rates
         # Contact in between needs a motion of at least the sum of both gaps.
         clear = (after > self._unknown) & (before + after - 2.0 * self._unknown > travel)
-        self._set_reach(after, motion.free_flight.motion_bound)
+        self._set_reach(after, motion.stepper.motion_bound)
         return self._indices(self._watched & ~clear)
 
     def _gaps(self, coordinates: FloatArray) -> FloatArray:
@@ -435,7 +435,7 @@ class Detector(EventSource, Replayable):
 
     def is_clear(self) -> bool:
         """Whether the bounds on the motion exclude contact of all pairs in the last step."""
-        if self.motion.free_flight.motion_bound > self.motion.free_flight.last_increment:
+        if self.motion.stepper.motion_bound > self.motion.stepper.last_increment:
             self._evaluated.clear()  # of an earlier step
         # Bounds on the motion are cheap and certain: only pairs that they do not clear are followed along the path.
         self._suspects = (*self._clearances.after_step().tolist(), *self._limits.after_step().tolist())
@@ -497,7 +497,7 @@ class Detector(EventSource, Replayable):
 
     def due(self) -> bool:
         """Whether a pair touches and approaches at the state in ``data``."""
-        if self.motion.free_flight.motion_bound > 0.0:
+        if self.motion.stepper.motion_bound > 0.0:
             self._evaluated.clear()  # of an earlier step
         near = (self._proximity(i, 0.0) for i in (*self._clearances.near().tolist(), *self._limits.near().tolist()))
         # To rounding, as roots are located: another model may have an event that is due here.

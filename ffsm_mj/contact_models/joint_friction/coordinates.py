@@ -180,13 +180,13 @@ class CoordinatesOfMotion:
 
     def add_stage(self) -> None:
         """Add the rates in a stage of the step."""
-        forced = self._motion.forced
-        if not len(self._tendons) or forced is None:
+        stepper = self._motion.forced_stepper
+        if not len(self._tendons) or stepper is None:
             return
         rates = self._rows_of_tendons() @ self._data.qvel
         # An implicit step evaluates its nodes in several passes, of which the last one counts.
-        if forced.repeats:
-            self._stages[forced.repeats] = rates
+        if stepper.repeats:
+            self._stages[stepper.repeats] = rates
         else:
             self._stages.append(rates)
 
@@ -194,9 +194,9 @@ class CoordinatesOfMotion:
         """Ways in the step, (k,): of joints by their ends, of tendons the integrals of the rates by the stages' weights."""
         # The path begins after projections, whose displacement does no work.
         of_joints: FloatArray = self._data.qpos[self._places] - self._motion.path.start[1 + self._places]
-        forced = self._motion.forced
-        if not len(self._tendons) or forced is None:
+        stepper = self._motion.forced_stepper
+        if not len(self._tendons) or stepper is None:
             return of_joints
-        weights = duration_s * forced.weights
+        weights = duration_s * stepper.weights
         # The last entry of all is the evaluation at the end of the step.
         return np.concatenate((of_joints, weights @ np.array(self._stages[-1 - len(weights) : -1])))

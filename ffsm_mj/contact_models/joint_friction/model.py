@@ -470,7 +470,7 @@ class JointFriction(EventSource, ForceSource, Replayable):
         self._moved.stop(which)
         mujoco.mj_forward(motion.model, motion.data)
         motion.path.on_event_located()
-        motion.free_flight.account(0.0)
+        motion.stepper.account(0.0)
         now, momentum = self.scene.data.qvel, np.empty(system.mj.nv)
         mujoco.mj_mulM(system.mj, self.scene.data, momentum, now - before)
         # The difference of two kinetic energies as a product: it does not lose the digits in which they agree.

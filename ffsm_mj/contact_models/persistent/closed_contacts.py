@@ -304,10 +304,10 @@ class ClosedContacts:
 
     def push(self, data: Any) -> None:
         """Add the forces of the active set to ``data.qfrc_applied``, which already holds all other applied forces."""
-        applied, solver, forced = data.qfrc_applied, self.solver, self.motion.forced
-        assert forced is not None
+        applied, solver, stepper = data.qfrc_applied, self.solver, self.motion.forced_stepper
+        assert stepper is not None
         # Inside a step the modes are fixed, so that it integrates a smooth ODE: only rows and forces change with the stage.
-        if forced.inside:
+        if stepper.inside:
             if self.pressing:
                 self.stages.append(solver.stage_forces(self.pressing).add(applied))
             return
@@ -317,16 +317,16 @@ class ClosedContacts:
             return
         evaluation = solver.evaluation(self.pressing)
         # At the nodes of an implicit step friction and slips depend on each other; elsewhere forces follow from the state.
-        if forced.stage is None:
+        if stepper.stage is None:
             stage, generalised = stage_of(evaluation)
         else:
-            if forced.stage.stiff is None:
-                forced.stage.stiff = self._slips = ImplicitSlips(evaluation)
-            stage, generalised = self._slips.stage_of(evaluation, forced.stage.node)
+            if stepper.stage.stiff is None:
+                stepper.stage.stiff = self._slips = ImplicitSlips(evaluation)
+            stage, generalised = self._slips.stage_of(evaluation, stepper.stage.node)
         applied += generalised
         # An implicit step evaluates each node in several passes: the balance integrates the last one.
-        if forced.repeats:
-            self.stages[forced.repeats] = stage
+        if stepper.repeats:
+            self.stages[stepper.repeats] = stage
         else:
             self.stages.append(stage)
 
@@ -377,8 +377,8 @@ class ClosedContacts:
         """Begin an explicit step with the active set of the step before, in which no point slides."""
         self._chosen = None
         self.stages.clear()
-        assert self.motion.forced is not None
-        self.motion.forced.implicit = False
+        assert self.motion.forced_stepper is not None
+        self.motion.forced_stepper.implicit = False
 
     def set_pressing(self, pressing: tuple[ContactPoint, ...]) -> None:
         """Set the active set."""
@@ -395,16 +395,16 @@ class ClosedContacts:
         Args:
             left_s: Remaining time of the grid step, s.
         """
-        forced = self.motion.forced
-        if forced is None:
+        stepper = self.motion.forced_stepper
+        if stepper is None:
             return left_s
-        forced.implicit, limit = False, left_s
+        stepper.implicit, limit = False, left_s
         if self._tilts.bound_steps:
             limit = min(limit, self._tilts.step_limit(left_s))
         if self._chosen is not None:
             modes = self.modes
             # A jump of the efforts begins a layer: any change of them counts (docs/derivations.md).
-            limit, forced.implicit, modes.layers = step_rule(
+            limit, stepper.implicit, modes.layers = step_rule(
                 self._chosen, modes.layers, limit, self.motion.data.time, self.data.ctrl.tobytes()
             )
         return limit
@@ -433,11 +433,11 @@ class ClosedContacts:
 
         0: at none. In an implicit step only its end is looked at.
         """
-        forced = self.motion.forced
+        stepper = self.motion.forced_stepper
         # The parabola is that of the stages of RK4: start, twice the middle, end. Radau IIA has no node at the start.
-        if not self.pressing or forced is None or forced.implicit:
+        if not self.pressing or stepper is None or stepper.implicit:
             return 0.0
-        share = dip(self.stages[-1 - len(forced.weights) :], self.modes.of(self.pressing).stick_mu)
+        share = dip(self.stages[-1 - len(stepper.weights) :], self.modes.of(self.pressing).stick_mu)
         return share * float(self.motion.data.time - self.motion.path.start[0])
 
     def is_settled(self) -> bool:

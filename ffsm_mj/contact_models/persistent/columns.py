@@ -494,6 +494,6 @@ class StepAccount:
 
     def _stages(self, duration_s: float) -> tuple[Sequence[Stage], FloatArray]:
         """Stages of the step and their quadrature weights, s; the last entry of all is the evaluation at its end."""
-        forced = self._closed.motion.forced
-        assert forced is not None
-        return self._closed.stages[-1 - len(forced.weights) : -1], duration_s * forced.weights
+        stepper = self._closed.motion.forced_stepper
+        assert stepper is not None
+        return self._closed.stages[-1 - len(stepper.weights) : -1], duration_s * stepper.weights
