@@ -24,7 +24,7 @@ cdef class ContactEvaluation:
     cdef double* present_forces(self) except NULL
     cdef double* roundings(self) except NULL
     cdef double largest_slip(self) noexcept
-    cdef bint creeps(self) noexcept
+    cdef bint only_drifts(self) noexcept
     cdef double presses(self, Py_ssize_t p) except? -2.0
     cdef double margin(self) except? -2.0
     cdef bint slides_on(self) except -1
@@ -34,7 +34,7 @@ cdef class ContactEvaluation:
 cdef bint slips_along_a_line(const double* G, Py_ssize_t m, Py_ssize_t p, double* largest) noexcept
 cdef double directions_of_slip(
     RowMemory memory,
-    const unsigned char[::1] slides,
+    const unsigned char[::1] sliding,
     const unsigned char[::1] straight,
     const double[:, ::1] starts,
     double* slips,
@@ -53,10 +53,10 @@ cdef class StageForces:
     cdef ActiveForces active
     cdef StuckPatches patches
     cdef list states
-    cdef bint sliding
+    cdef bint any_sliding
     cdef double[::1] force, b, sums
     # Of points that slide with friction: which, which go straight on, directions at the start of the step, and directions
-    cdef const unsigned char[::1] slides, straight
+    cdef const unsigned char[::1] sliding, straight
     cdef const double[:, ::1] directions
     cdef double[:, ::1] slips
 

@@ -82,7 +82,7 @@ cdef bint slips_along_a_line(const double* G, Py_ssize_t m, Py_ssize_t p, double
 
 cdef double directions_of_slip(
     RowMemory memory,
-    const unsigned char[::1] slides,
+    const unsigned char[::1] sliding,
     const unsigned char[::1] straight,
     const double[:, ::1] starts,
     double* slips,
@@ -91,7 +91,7 @@ cdef double directions_of_slip(
 
     Args:
         memory: Rows of the points.
-        slides: Points that slide, (k,).
+        sliding: Points that slide, (k,).
         straight: Points that keep their direction, (k,).
         starts: Directions at the start of the step, world axes, (k, 3).
         slips: Receives the directions; those of other points are left as they are.
@@ -104,7 +104,7 @@ cdef double directions_of_slip(
     cdef Py_ssize_t p, at, m = memory.rows
     cdef double u, v, first, second, size, largest, angle, least = INFINITY
     for p in range(memory.points):
-        if not slides[p]:
+        if not sliding[p]:
             continue
         axes, at = memory.axes + 9 * p, (3 * p + 1) * (m + 1)
         first = axes[3] * starts[p, 0] + axes[4] * starts[p, 1] + axes[5] * starts[p, 2]
@@ -197,16 +197,16 @@ cdef class ContactEvaluation:
                 self.along[0] = -self.b[0] / self.memory.inverse_mass(0)
             elif self.memory.points:
                 active = self.active()
-                if self.modes.any_slides:
+                if self.modes.any_sliding:
                     modes = self.modes
-                    slides, straight = modes.slides.view(np.uint8), modes.straight.view(np.uint8)
-                    self.forward = directions_of_slip(self.memory, slides, straight, modes.directions, self.slips)
+                    sliding, straight = modes.sliding.view(np.uint8), modes.straight.view(np.uint8)
+                    self.forward = directions_of_slip(self.memory, sliding, straight, modes.directions, self.slips)
                     active.turn(self.slips)
                 active.write_forces(self.b, self.along)
             self.has_forces = True
         return self.along
 
-    cdef bint creeps(self) noexcept:
+    cdef bint only_drifts(self) noexcept:
         """Whether no point slips by more than the drift of sticking points."""
         cdef Py_ssize_t p
         cdef double u, v, most = self.modes.drift_m_s
@@ -266,7 +266,7 @@ cdef class ContactEvaluation:
         """
         if not self.has_margin:
             self.has_margin = True
-            self.kept_margin = self.margin_of() if self.modes.all_stick and self.creeps() else -1.0
+            self.kept_margin = self.margin_of() if self.modes.all_stick and self.only_drifts() else -1.0
         return self.kept_margin
 
     cdef double margin_of(self) except? -2.0:
@@ -332,13 +332,13 @@ cdef class ContactEvaluation:
 
     cdef StageInMemory stage_into(self, double* generalised):
         cdef RowMemory memory = self.memory
-        cdef bint slides = self.modes.any_slides
-        cdef StageInMemory stage = empty_stage(memory.rows, memory.nv, len(memory.counts), slides)
+        cdef bint any_sliding = self.modes.any_sliding
+        cdef StageInMemory stage = empty_stage(memory.rows, memory.nv, len(memory.counts), any_sliding)
         memcpy(stage.along, self.present_forces(), memory.rows * sizeof(double))
         generalise(stage.along, memory, generalised)
         finish_stage(stage, memory, memory.qvel, generalised)
-        if slides:
-            stage.write_slide(memory, self.modes.slides.view(np.uint8))
+        if any_sliding:
+            stage.write_slide(memory, self.modes.sliding.view(np.uint8))
         return stage
 
 
@@ -382,9 +382,9 @@ cdef class StageForces:
         self.memory = self.evaluator.empty()
         self.force, self.b, self.sums = np.empty(self.memory.nv), np.empty(self.memory.rows), np.empty(self.memory.nv)
         self.patches = patches_of(self.evaluator) if modes.all_stick else None
-        self.sliding = modes.any_slides
-        if self.sliding:
-            self.slides, self.straight = modes.slides.view(np.uint8), modes.straight.view(np.uint8)
+        self.any_sliding = modes.any_sliding
+        if self.any_sliding:
+            self.sliding, self.straight = modes.sliding.view(np.uint8), modes.straight.view(np.uint8)
             self.directions, self.slips = modes.directions, np.zeros((self.memory.points, 2))
 
     def add(self, double[::1] applied not None):
@@ -399,15 +399,15 @@ cdef class StageForces:
             return self.add_one_by_one(applied)
         self.smooth.write_force(&applied[0], &self.force[0])
         self.evaluator.evaluate(self.states, memory)
-        stage = empty_stage(memory.rows, memory.nv, len(memory.counts), self.sliding)
+        stage = empty_stage(memory.rows, memory.nv, len(memory.counts), self.any_sliding)
         # The effort grows with the cube of the rows: six for each pair of bodies here, instead of three for each point.
         if self.patches is not None and self.patches.prepare(self.states, memory):
             self.patches.solve(memory, &self.force[0], stage.along, &self.sums[0])
         else:
             self.hold_rows(stage)
         finish_stage(stage, memory, &self.evaluator.rates[0], &self.sums[0])
-        if self.sliding:
-            stage.write_slide(memory, self.slides)
+        if self.any_sliding:
+            stage.write_slide(memory, self.sliding)
         for d in range(memory.nv):
             applied[d] += self.sums[d]
         return stage
@@ -438,8 +438,8 @@ cdef class StageForces:
             generalise(stage.along, memory, &self.sums[0])
             return 0
         self.hold()
-        if self.sliding:
-            directions_of_slip(memory, self.slides, self.straight, self.directions, &self.slips[0, 0])
+        if self.any_sliding:
+            directions_of_slip(memory, self.sliding, self.straight, self.directions, &self.slips[0, 0])
             self.active.turn(&self.slips[0, 0])
         self.active.write_forces(&self.b[0], stage.along)
         generalise(stage.along, memory, &self.sums[0])

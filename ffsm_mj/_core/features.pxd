@@ -30,7 +30,7 @@ cdef class FaceState:
     cdef bytearray block
     cdef double* values
 
-    cdef void move(self, const Twist* b, const Twist* a) noexcept
+    cdef void go_to(self, const Twist* b, const Twist* a) noexcept
     cdef void place_points(self, const double* omega) noexcept
     cdef const double* centre(self) noexcept
     cdef const double* point(self, Py_ssize_t p) noexcept

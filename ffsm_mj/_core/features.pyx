@@ -86,7 +86,7 @@ cdef class FaceGroup:
         state.group, state.count, state.block = self, self.count, room(self.count * COLUMNS)
         # Pairs are ordered by their bodies, features by face and point: where these differ, normals turn round.
         state.values, state.sign = numbers(state.block), -1.0 if self.swapped else 1.0
-        state.move(b, a)
+        state.go_to(b, a)
         return state
 
 
@@ -94,7 +94,7 @@ cdef class FaceGroup:
 cdef class FaceState:
     """Points over a face at one state."""
 
-    cdef void move(self, const Twist* b, const Twist* a) noexcept:
+    cdef void go_to(self, const Twist* b, const Twist* a) noexcept:
         """Take the current state, with the twists of both bodies of the contact there."""
         self.first = b[0] if self.group.swapped else a[0]
         self.second = a[0] if self.group.swapped else b[0]

@@ -4,7 +4,7 @@ from ffsm_mj._core.rows cimport RowEvaluator, RowMemory
 cdef class ActiveForces:
     cdef object structure, kept, memory
     cdef const double* G
-    cdef const Py_ssize_t[::1] rows, slides, columns
+    cdef const Py_ssize_t[::1] rows, sliding_points, columns
     cdef const double[::1] mu
     cdef Py_ssize_t active, rank, count
     cdef bint factored

@@ -35,7 +35,7 @@ class Active(NamedTuple):
 
     count: int
     rows: object
-    slides: object = NONE
+    sliding_points: object = NONE
     columns: object = NONE
     mu: object = np.zeros(0)
 
@@ -57,11 +57,11 @@ cdef class ActiveForces:
 
     cdef int set_up(self, kept, const double* G, structure) except -1:
         """Take a matrix, which an object keeps in memory, and the rows."""
-        cdef Py_ssize_t n = len(structure.rows), m = len(structure.slides)
+        cdef Py_ssize_t n = len(structure.rows), m = len(structure.sliding_points)
         cdef double* start
         self.structure, self.kept, self.count = structure, kept, structure.count
         # One block for all work space: stages of a step take it again and again, and must not allocate.
-        self.rows, self.slides, self.columns, self.mu = structure.rows, structure.slides, structure.columns, structure.mu
+        self.rows, self.sliding_points, self.columns, self.mu = structure.rows, structure.sliding_points, structure.columns, structure.mu
         self.active = n
         size = 4 * n * n + 3 * n + 2 * m + 1
         self.memory = bytearray(<Py_ssize_t>sizeof(double) * size + <Py_ssize_t>sizeof(Py_ssize_t) * n)
@@ -93,9 +93,9 @@ cdef class ActiveForces:
         cdef const double* row
         self.factored = False
         memcpy(self.system, self.square, n * n * sizeof(double))
-        for c in range(self.slides.shape[0]):
+        for c in range(self.sliding_points.shape[0]):
             for i in range(n):
-                row = self.G + self.rows[i] * self.count + 3 * self.slides[c]
+                row = self.G + self.rows[i] * self.count + 3 * self.sliding_points[c]
                 # A normal force of a sliding point brings the friction -mu d with it, so its column is the response to both. The
                 # matrix is no longer symmetric, and beyond Painleve's limit no longer regular.
                 self.system[i * n + self.columns[c]] += row[1] * self.friction[2 * c] + row[2] * self.friction[2 * c + 1]
@@ -103,14 +103,14 @@ cdef class ActiveForces:
     def turn_to(self, slips):
         """Set the directions of slip, (k, 2)."""
         cdef const double[:, ::1] contiguous = np.ascontiguousarray(slips)
-        if self.slides.shape[0]:
+        if self.sliding_points.shape[0]:
             self.turn(&contiguous[0, 0])
 
     cdef void turn(self, const double* slips) noexcept:
         """The same, for slips in memory."""
         cdef Py_ssize_t c, p
-        for c in range(self.slides.shape[0]):
-            p = self.slides[c]
+        for c in range(self.sliding_points.shape[0]):
+            p = self.sliding_points[c]
             self.friction[2 * c], self.friction[2 * c + 1] = -self.mu[p] * slips[2 * p], -self.mu[p] * slips[2 * p + 1]
         self.find_system()
 
@@ -200,8 +200,8 @@ cdef class ActiveForces:
         cdef Py_ssize_t c, i, p
         for i in range(self.active):
             forces[self.rows[i]] += self.right[i]
-        for c in range(self.slides.shape[0]):
-            p, i = self.slides[c], self.columns[c]
+        for c in range(self.sliding_points.shape[0]):
+            p, i = self.sliding_points[c], self.columns[c]
             # A sliding point has no row of its own for friction: that follows the normal force.
             forces[3 * p + 1] += self.friction[2 * c] * self.right[i]
             forces[3 * p + 2] += self.friction[2 * c + 1] * self.right[i]

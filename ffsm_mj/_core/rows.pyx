@@ -515,7 +515,7 @@ cdef class RowEvaluator:
         self.evaluate_pairs()
         for group, state in zip(self.groups, states):
             if state is not None:
-                (<FaceState>state).move(&self.twists[group.b], &self.twists[group.a])
+                (<FaceState>state).go_to(&self.twists[group.b], &self.twists[group.a])
         # Rows are added up from shares, so they begin at zero.
         memory.renew()
         return self.write_wrenches(states, memory)

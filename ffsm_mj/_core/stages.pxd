@@ -9,11 +9,11 @@ cdef class Smooth:
     cdef mjData* d
     cdef double[::1] qpos, qvel, ctrl, data_ctrl, act, passive, bias, actuator
     cdef double[::1] last_qpos, last_qvel, last_ctrl, last_pushes, last_act
-    cdef object last_place, last_load, last_state
+    cdef object last_kinematics, last_load, last_state
     cdef bint follows
 
     cdef void write_force(self, const double* pushes, double* force) noexcept
-    cpdef object place(self)
+    cpdef object kinematics(self)
     cpdef object load(self, double[::1] pushes)
     cpdef object state(self, double[::1] pushes)
     cpdef object force(self, double[::1] pushes)
@@ -22,7 +22,7 @@ cdef class Smooth:
 cdef class StageInMemory:
     cdef bytearray block
     cdef readonly Py_ssize_t count, nv, groups
-    cdef bint slides
+    cdef bint any_sliding
     cdef double* along
     cdef double* powers
     cdef double* wrenches
@@ -30,9 +30,9 @@ cdef class StageInMemory:
     cdef double* heats
     cdef double* speeds
 
-    cdef void write_slide(self, RowMemory memory, const unsigned char[::1] slides) noexcept
+    cdef void write_slide(self, RowMemory memory, const unsigned char[::1] sliding) noexcept
 
-cdef StageInMemory new_stage(bytearray block, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint slides)
-cdef StageInMemory empty_stage(Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint slides)
+cdef StageInMemory new_stage(bytearray block, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint any_sliding)
+cdef StageInMemory empty_stage(Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint any_sliding)
 cdef int finish_stage(StageInMemory stage, RowMemory memory, const double* qvel, const double* generalised) except -1
 cdef void generalise(const double* along, RowMemory memory, double* generalised) noexcept

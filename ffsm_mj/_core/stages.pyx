@@ -55,15 +55,15 @@ cdef class Smooth:
         self.last_qpos, self.last_qvel, self.last_ctrl, self.last_pushes, self.last_act = (
             np.full(len(values), np.nan) for values in (data.qpos, data.qvel, seen.ctrl, data.qvel, data.act)
         )
-        self.last_place, self.last_load = copied(self.qpos), copied(self.qvel)
+        self.last_kinematics, self.last_load = copied(self.qpos), copied(self.qvel)
 
-    cpdef object place(self):
+    cpdef object kinematics(self):
         """Token of the current positions and velocities: the same object while they are the same bit by bit."""
         cdef bint stays = same(self.qpos, self.last_qpos)
         # Both are compared in any case, as the comparison keeps the present values.
         if not same(self.qvel, self.last_qvel) or not stays:
-            self.last_place = copied(self.qpos)
-        return self.last_place
+            self.last_kinematics = copied(self.qpos)
+        return self.last_kinematics
 
     cpdef object load(self, double[::1] pushes):
         """The same of the current efforts and activations, and of applied forces, (nv,)."""
@@ -75,9 +75,9 @@ cdef class Smooth:
 
     cpdef object state(self, double[::1] pushes):
         """The same of the positions, velocities, efforts and applied forces."""
-        place, load = self.place(), self.load(pushes)
-        if self.last_state is None or self.last_state[0] is not place or self.last_state[1] is not load:
-            self.last_state = place, load
+        kinematics, load = self.kinematics(), self.load(pushes)
+        if self.last_state is None or self.last_state[0] is not kinematics or self.last_state[1] is not load:
+            self.last_state = kinematics, load
         return self.last_state
 
     cpdef object force(self, double[::1] pushes):
@@ -120,38 +120,38 @@ cdef class StageInMemory:
     @property
     def slide(self):
         """Heat and slip of the points; None where none slides with friction."""
-        if not self.slides:
+        if not self.any_sliding:
             return None
         start, k = self.count + self.nv + 6 * self.groups, self.count // 3
         return Slide(*np.frombuffer(self.block)[start : start + 2 * k].reshape(2, k))
 
-    cdef void write_slide(self, RowMemory memory, const unsigned char[::1] slides) noexcept:
+    cdef void write_slide(self, RowMemory memory, const unsigned char[::1] sliding) noexcept:
         """Write heat and slip of the points; their velocities are those of the rows."""
         cdef Py_ssize_t p
         cdef double u, v
         for p in range(memory.points):
             self.heats[p] = self.speeds[p] = 0.0
-            if slides[p]:
+            if sliding[p]:
                 u, v = memory.velocity(3 * p + 1), memory.velocity(3 * p + 2)
                 # Friction opposes the slip, so its power is negative: what leaves the motion is heat.
                 self.heats[p] = -(self.along[3 * p + 1] * u + self.along[3 * p + 2] * v)
                 self.speeds[p] = hypot(u, v)
 
 
-cdef StageInMemory new_stage(bytearray block, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint slides):
+cdef StageInMemory new_stage(bytearray block, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint any_sliding):
     cdef StageInMemory stage = StageInMemory.__new__(StageInMemory)
     stage.block, stage.count, stage.nv, stage.groups = block, count, nv, groups
-    stage.slides, stage.along = slides, numbers(block)
+    stage.any_sliding, stage.along = any_sliding, numbers(block)
     stage.powers, stage.wrenches = stage.along + count, stage.along + count + nv
     stage.heats = stage.wrenches + 6 * groups
     stage.speeds = stage.heats + count // 3
     return stage
 
 
-cdef StageInMemory empty_stage(Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint slides):
+cdef StageInMemory empty_stage(Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint any_sliding):
     """A stage without forces."""
-    size = count + nv + 6 * groups + (2 * (count // 3) if slides else 0)
-    return new_stage(zeros(size + 1), count, nv, groups, slides)
+    size = count + nv + 6 * groups + (2 * (count // 3) if any_sliding else 0)
+    return new_stage(zeros(size + 1), count, nv, groups, any_sliding)
 
 
 cdef void generalise(const double* along, RowMemory memory, double* generalised) noexcept:

@@ -50,7 +50,7 @@ cdef class SteadyContacts(SteadyForces):
     cdef Py_ssize_t robot_start, robot_stop
     cdef const double[::1] mu
     # State seen last
-    cdef object place, state, rows
+    cdef object kinematics, state, rows
     cdef RowMemory memory
     cdef list groups
     cdef ContactEvaluation evaluation
@@ -61,7 +61,7 @@ cdef class SteadyContacts(SteadyForces):
     cdef bint may_be(self) except -1
     cdef int take(self) except -1
     cpdef bint holds(self) except -1
-    cdef bint evaluate(self, place, load, pushes) except -1
-    cdef int find_rows(self, place) except -1
+    cdef bint evaluate(self, kinematics, load, pushes) except -1
+    cdef int find_rows(self, kinematics) except -1
     cdef bint touches_nowhere_else(self) except -1
     cdef bint slide_on(self, double left_s) except -1

@@ -10,7 +10,7 @@ import numpy as np
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact_models.persistent.clearance import LEVEL_M
 from ffsm_mj.contact_models.persistent.exchange import robot_dofs, Shares
-from ffsm_mj.contact_models.persistent.rule_columns import IMPULSE, NOTHING, PRESSING, SLIDING, STICKING
+from ffsm_mj.contact_models.persistent.rule_columns import IMPULSE, NOTHING, RuleMode
 from ffsm_mj.tolerances import DRIFT_M, DRIFT_M_S, FEATURE_BOUND_M, PROJECTED_GAP_M, PROJECTED_RATE_M_S, PROJECTED_SLIP_M_S
 
 from cpython.bytes cimport PyBytes_FromStringAndSize
@@ -27,7 +27,7 @@ from ffsm_mj._core.stages import dip
 from ffsm_mj._core.tick cimport SteadyForces
 
 
-cdef double _PRESSING = PRESSING, _STICKING = STICKING, _SLIDING = SLIDING
+cdef double _PRESSING = RuleMode.PRESSING, _STICKING = RuleMode.STICKING, _SLIDING = RuleMode.SLIDING
 cdef const double[::1] _NOTHING = NOTHING
 cdef Py_ssize_t COLUMNS = IMPULSE
 cdef enum:
@@ -226,7 +226,7 @@ cdef class SteadyContacts(SteadyForces):
     cdef int take(self) except -1:
         closed, solver = self.closed, self.solver
         self.points, self.pressing, self.generation = closed.contact_points, closed.pressing, self.modes.generation
-        self.place, self.state, self.possible, self.sliding = None, None, False, False
+        self.kinematics, self.state, self.possible, self.sliding = None, None, False, False
         if not closed.may_be_steady:
             return 0
         self.point_modes = self.modes.of(self.points)
@@ -270,12 +270,12 @@ cdef class SteadyContacts(SteadyForces):
                 self.lowest = self.extremes[3]
         return self.is_steady
 
-    cdef bint evaluate(self, place, load, pushes) except -1:
+    cdef bint evaluate(self, kinematics, load, pushes) except -1:
         solver = self.solver
         cdef const double[::1] pushed = self.other
         # Rows follow from positions and velocities: under other efforts at the same state they are used again.
-        if place is not self.place:
-            self.find_rows(place)
+        if kinematics is not self.kinematics:
+            self.find_rows(kinematics)
             find_extremes(self.groups, self.extremes)
         if pushes is not self.pushes:
             pushed = pushes
@@ -283,7 +283,7 @@ cdef class SteadyContacts(SteadyForces):
         if self.is_reduced:
             self.patches.solve(self.memory, self.evaluation.pushed, self.evaluation.along, &self.sums[0])
             self.evaluation.has_forces = True
-        solver.last_evaluation = place, load, self.evaluation
+        solver.last_evaluation = kinematics, load, self.evaluation
         if not (
             # A point beyond its face, or a gap or rate that has drifted too far, is an event (tolerances.py).
             self.extremes[0] >= -_FEATURE_BOUND_M and self.extremes[1] <= _DRIFT_M and self.extremes[2] <= _DRIFT_M_S
@@ -297,15 +297,15 @@ cdef class SteadyContacts(SteadyForces):
             return False
         return self.touches_nowhere_else()
 
-    cdef int find_rows(self, place) except -1:
+    cdef int find_rows(self, kinematics) except -1:
         """Find the rows of the points at the current positions and velocities, as the choice of modes keeps them."""
         cdef RowEvaluator evaluator = self.evaluator
         solver = self.solver
         known, self.is_reduced = solver.last_rows, False
-        if known is None or known[1] is not place or known[0] is not self.points:
-            known = solver.last_rows = self.points, place, evaluator.rows()
+        if known is None or known[1] is not kinematics or known[0] is not self.points:
+            known = solver.last_rows = self.points, kinematics, evaluator.rows()
             self.is_reduced = self.patches is not None and self.patches.prepare(known[2].groups, known[2].memory)
-        self.place, self.rows = place, known[2]
+        self.kinematics, self.rows = kinematics, known[2]
         self.memory, self.groups = self.rows.memory, self.rows.groups
         return 0
 
@@ -314,7 +314,7 @@ cdef class SteadyContacts(SteadyForces):
         # (clearance.py).
         if not self.others or (self.is_level and self.extremes[1] <= _LEVEL_M):
             return True
-        return self.closed.clearance.least(self.place, self.extremes[1], self.closed.gaps_of) >= 0.0
+        return self.closed.clearance.least(self.kinematics, self.extremes[1], self.closed.gaps_of) >= 0.0
 
     cpdef bint goes_on(self, double left_s=NAN) except -1:
         """Begin a step with the contacts and modes of the step before, if the state is steady; returns whether it is.
@@ -433,7 +433,7 @@ cdef class SteadyContacts(SteadyForces):
         # Stages of other features are objects of Python: the general exchange sums them up.
         if not all([isinstance(candidate, StageInMemory) for candidate in stages]):
             return False
-        if self.sliding and not all([(<StageInMemory>candidate).slides for candidate in stages]):
+        if self.sliding and not all([(<StageInMemory>candidate).any_sliding for candidate in stages]):
             return False
         memset(sums, 0, 21 * sizeof(double))
         for s in range(n):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -27,10 +28,22 @@ def sum_exchanges(one: Exchange | None, other: Exchange) -> Exchange:
     return other if one is None else Exchange(*(a + b for a, b in zip(one, other, strict=True)))
 
 
-def exchange_signs(system: System, a: int, b: int, grasped: frozenset[int] = frozenset()) -> tuple[float, float, float]:
+class BalanceSigns(NamedTuple):
     """Signs with which a wrench on body b, and its reaction on body a, enter the balance; zeros within a subsystem.
 
-    They are those of a wrench of the robot on the objects, and of external ones on the robot and on the objects.
+    Attributes:
+        robot_on_objects: As a wrench of the robot on the objects.
+        outside_on_robot: As an external wrench on the robot.
+        outside_on_objects: As an external wrench on the objects.
+    """
+
+    robot_on_objects: float
+    outside_on_robot: float
+    outside_on_objects: float
+
+
+def exchange_signs(system: System, a: int, b: int, grasped: frozenset[int] = frozenset()) -> BalanceSigns:
+    """Signs of a wrench between two bodies in the balance.
 
     Args:
         system: The logged system.
@@ -40,13 +53,13 @@ def exchange_signs(system: System, a: int, b: int, grasped: frozenset[int] = fro
     """
     robot, moves = grasped.union(system.robot.bodies), [system.tree_of_body(body) is not None for body in (a, b)]
     if all(moves):
-        return float(a in robot) - float(b in robot), 0.0, 0.0
+        return BalanceSigns(float(a in robot) - float(b in robot), 0.0, 0.0)
     free, sign = (b, 1.0) if moves[1] else (a, -1.0)
     if free in grasped:
         # The force acts on an object although it is integrated with the robot: it is entered for the object, and the
         # reaction that the robot's balance would otherwise see is subtracted.
-        return -sign, 0.0, sign
-    return (0.0, sign, 0.0) if free in robot else (0.0, 0.0, sign)
+        return BalanceSigns(-sign, 0.0, sign)
+    return BalanceSigns(0.0, sign, 0.0) if free in robot else BalanceSigns(0.0, 0.0, sign)
 
 
 class StateProjection(Stateful):

@@ -135,7 +135,7 @@ class FreeFlight:
             watched=watch.model,
             overlaps=watch.open,
             look=partial(log.look, collided=True),
-            count=self._count,
+            count=self._update_progress,
             after_step=plant.after_step,
             step_s=settings.time_step_s,
             steps_per_tick=settings.steps_per_tick,
@@ -190,13 +190,13 @@ class FreeFlight:
                 clock=self._recorder.next_flush_s,
             )
         finally:
-            self._count()
+            self._update_progress()
             progress.evaluations += ticks.evaluations
             if progress.steps > steps_before:
                 integrator.motion.path.at_s = self._settings.time_step_s
         return progress.ticks - begun, ticks.law_s
 
-    def _count(self) -> None:
+    def _update_progress(self) -> None:
         """Set how far the run has come."""
         ticks, progress = self._ticks, self._progress
         if ticks.steps > progress.steps:

@@ -17,7 +17,7 @@ from ffsm_mj._core.stages import Smooth, StageSums
 from ffsm_mj.assembly.simulator import Simulator, SimulatorState
 from ffsm_mj.contact.features.search import features
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
-from ffsm_mj.contact_models.persistent.friction.cones import ON_CONE, depth
+from ffsm_mj.contact_models.persistent.friction.cones import ON_CONE, cone_depth
 from ffsm_mj.contact_models.persistent.friction.decision import Decision
 from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK, FrictionModes
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
@@ -221,7 +221,7 @@ def test_points_that_stick(resting):
         agree(generalised, expected @ rows.J)
         agree(np.array(stage.wrenches), np.array(rows.wrenches(expected)))
         solution, forces, mu = here.settled(), expected.reshape(-1, 3), np.full(k, 0.5)
-        margin = (depth(forces, mu) + ON_CONE * np.abs(forces).max()) * rows.G.diagonal()[::3].mean()
+        margin = (cone_depth(forces, mu) + ON_CONE * np.abs(forces).max()) * rows.G.diagonal()[::3].mean()
         assert (solution is not None) == (pushed is force) == (margin > 0.0)
         if solution is not None:
             agree(solution.forces, forces)
@@ -291,14 +291,14 @@ def test_smooth_forces(resting, rng):
         other.qpos[:], other.qvel[:], other.ctrl[:] = data.qpos, data.qvel, logged.ctrl
         mujoco.mj_forward(model, other)
         agree(smooth.force(pushes), other.qfrc_passive - other.qfrc_bias + other.qfrc_actuator + pushes, 1e-12)
-        place, load, state = smooth.place(), smooth.load(pushes), smooth.state(pushes)
-        assert smooth.place() is place
+        kinematics, load, state = smooth.kinematics(), smooth.load(pushes), smooth.state(pushes)
+        assert smooth.kinematics() is kinematics
         assert smooth.load(pushes) is load
         assert smooth.state(pushes) is state
         assert smooth.load(pushes + 1.0) is not load
         assert smooth.state(pushes + 1.0) is not state
         data.qvel[0] += 1.0
-        assert smooth.place() is not place
+        assert smooth.kinematics() is not kinematics
 
 
 @pytest.mark.parametrize("mu", [0.0, 0.5])

@@ -277,7 +277,7 @@ class ClosedGrasps:
         if attached is not None and attached.grasped_motion is not None:
             attached.grasped_motion.set_state(values["motion"])
 
-    def place(self, latch: Latch) -> int:
+    def order_of(self, latch: Latch) -> int:
         """Place of a grasp in the order in which the closed ones closed, from 1; 0 if it is open."""
         return self.latches.index(latch) + 1 if latch in self.latches else 0
 

@@ -215,9 +215,9 @@ class LoopClosing:
 
 
 class _LoopState(NamedTuple):
-    """Forces at one state: tokens of state and forces, those of all rows, generalised ones, a wrench by place of a latch."""
+    """Forces at one state: tokens of state and forces, those of all rows, generalised ones, a wrench by index of a latch."""
 
-    place: object
+    kinematics: object
     load: object
     forces: FloatArray
     generalised: FloatArray
@@ -333,7 +333,7 @@ class LoopForces(ForceSource):
         assert motion.loops is not None
         # On the rows of all latches at once: an impulse on the new one alone would set the closed ones in motion.
         plastic = motion.loops.plastic()
-        wrenches = {latched: self._wrench(self._place(latched), plastic.impulses) for latched in self._latches}
+        wrenches = {latched: self._wrench(self._index_of(latched), plastic.impulses) for latched in self._latches}
         motion.data.qvel[:] += plastic.change
         mujoco.mj_forward(motion.model, motion.data)
         motion.path.on_event_located()
@@ -376,8 +376,8 @@ class LoopForces(ForceSource):
         """The closed latches."""
         return ", ".join(self._latches) or self.kind
 
-    def _place(self, name: str) -> int:
-        """Place of a latch among the sources of rows."""
+    def _index_of(self, name: str) -> int:
+        """Index of a latch among the sources of rows."""
         return len(self.equalities) + [*self._latches].index(name)
 
     def restart(self) -> None:
@@ -458,8 +458,8 @@ class LoopForces(ForceSource):
         """
         loops, pairwise = self.motion.loops, list[Wrench]()
         if loops is not None:
-            for place, (point, force, torque) in self._under_efforts().wrenches.items():
-                latch = loops.sources[place]
+            for i, (point, force, torque) in self._under_efforts().wrenches.items():
+                latch = loops.sources[i]
                 assert isinstance(latch, LatchedBodies)
                 pairwise += [Wrench(latch.first, point, -force, -torque), Wrench(latch.second, point, force, torque)]
         return pairwise
@@ -478,14 +478,14 @@ class LoopForces(ForceSource):
             # Rows answer all other forces: what these add must be known first.
             if other.active and other.pushes:
                 other.add_forces(applied)
-        place, load, known = smooth.place(), smooth.load(applied), self._known
+        kinematics, load, known = smooth.kinematics(), smooth.load(applied), self._known
         # A row of the log asks for several loads at one state: the forces are solved once, for tokens of state and forces.
-        if known is None or known.place is not place or known.load is not load:
+        if known is None or known.kinematics is not kinematics or known.load is not load:
             generalised = loops.generalised(smooth.force(applied))
             forces = loops.forces
             latches = [i for i, source in enumerate(loops.sources) if isinstance(source, LatchedBodies)]
             wrenches = {i: loops.wrench(i, forces) for i in latches}
-            known = self._known = _LoopState(place, load, forces, generalised, wrenches)
+            known = self._known = _LoopState(kinematics, load, forces, generalised, wrenches)
         return known
 
     def _loads_now(self) -> FloatArray:
@@ -501,7 +501,7 @@ class LoopForces(ForceSource):
         Raises:
             ValueError: No such latch is closed.
         """
-        return np.concatenate(self._under_efforts().wrenches[self._place(name)][1:])
+        return np.concatenate(self._under_efforts().wrenches[self._index_of(name)][1:])
 
     def is_unique(self) -> bool:
         """Whether the loads of grasps follow from the motion: no row of a latch depends on others."""

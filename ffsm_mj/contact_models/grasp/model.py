@@ -79,7 +79,7 @@ class LoadReport:
             latch = self._closed.latches[0] if self._closed.latches else None
             return [(self._buffers[0], latch.number if latch is not None else 0, latch)]
         # Grasps of different sites may be closed at once: each has columns, with its place in the order of closing.
-        places = [(latch, self._closed.place(latch)) for latch in self._latches]
+        places = [(latch, self._closed.order_of(latch)) for latch in self._latches]
         return [
             (buffer, place, latch if place else None) for buffer, (latch, place) in zip(self._buffers, places, strict=True)
         ]

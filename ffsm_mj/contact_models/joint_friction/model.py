@@ -114,7 +114,7 @@ class JointFriction(EventSource, ForceSource, Replayable):
         self._at_start: Exchange | None = None
         self._verified: object = None
         self._suspects: list[float] = []
-        self._slides = False
+        self._any_sliding = False
         signals = [friction_signals(*coordinate) for coordinate in zip(coordinates.names, coordinates.units, strict=True)]
         self.columns = (
             Columns(tuple(one for one, _ in signals), live=self._shown, on_sample=self._sample, resume=self._resume),
@@ -149,7 +149,7 @@ class JointFriction(EventSource, ForceSource, Replayable):
     def _set(self, senses: Senses) -> None:
         """Let joints slide, stick, and be left to the contacts that block them."""
         self.senses[:], self._rest_rows, self._verified = senses.slides, senses.at_rest, None
-        self._slides, self._rest = bool(np.any(senses.slides)), np.asarray(senses.at_rest.any(axis=0))
+        self._any_sliding, self._rest = bool(np.any(senses.slides)), np.asarray(senses.at_rest.any(axis=0))
         self._shown[:] = np.where(senses.idle, _IDLE, senses.slides)
         self.loops.keep_at_rest([self._on.at_rest(row) for row in senses.at_rest])
 
@@ -182,7 +182,7 @@ class JointFriction(EventSource, ForceSource, Replayable):
 
     def add_forces(self, applied: FloatArray) -> None:
         """Add the same to generalised forces, (nv,) of the motion."""
-        if self._slides:
+        if self._any_sliding:
             self._moved.add(applied, -self._on.limits * self.senses)
 
     def _other_forces(self) -> FloatArray:
@@ -205,7 +205,7 @@ class JointFriction(EventSource, ForceSource, Replayable):
 
     def plan_step(self, left_s: float) -> float:
         """Longest step in which forces of tendons that slide turn little: a huge friction makes a whole one wild."""
-        if not (self._slides and self._moved.moving.any()):
+        if not (self._any_sliding and self._moved.moving.any()):
             return left_s
         # The turn of a row under its force acts as a stiffness: steps follow it as they do springs (MODE_STEP).
         rate = self._moved.turning_rate(self._on.limits * self.senses)
@@ -233,7 +233,9 @@ class JointFriction(EventSource, ForceSource, Replayable):
 
     def exchanged(self, duration_s: float) -> Exchange:
         """Heat of the step: friction times the way, which is exact, as the rate has one sign and the friction one size."""
-        heat = self._on.limits * self.senses * self._moved.ways(duration_s) if self._slides else np.zeros(len(self.senses))
+        heat = (
+            self._on.limits * self.senses * self._moved.ways(duration_s) if self._any_sliding else np.zeros(len(self.senses))
+        )
         # A joint rubs within its tree, whose energy becomes the heat.
         return sum_exchanges(self._at_start, self._by_subsystem(self._on.of_trees @ -heat))
 
@@ -354,10 +356,10 @@ class JointFriction(EventSource, ForceSource, Replayable):
         The least rate along the sense of a joint that slides, and the least share that is left of the limit of one that
         sticks.
         """
-        turns, breaks, slides = math.inf, math.inf, self.senses != 0.0
-        if self._slides:
+        turns, breaks, sliding = math.inf, math.inf, self.senses != 0.0
+        if self._any_sliding:
             rounding = _ROUNDING * (1.0 + float(np.abs(self.motion.data.qvel).max()))
-            turns = float((self.senses * self._moved.rates())[slides].min()) + rounding
+            turns = float((self.senses * self._moved.rates())[sliding].min()) + rounding
         if self._rest.any():
             # As a share of the limit: those of joints and tendons differ in unit and by orders of magnitude.
             breaks = 1.0 + _BEYOND - float((np.abs(self._shared()) / self._on.limits[self._rest]).max())
@@ -381,7 +383,7 @@ class JointFriction(EventSource, ForceSource, Replayable):
     def _doubtful_times(self, duration_s: float) -> list[float]:
         """Times within the step at which a margin may be negative although it is positive at its end."""
         times = []
-        if self._slides:
+        if self._any_sliding:
             # The parabola through the rates at both ends with the way between them is as good as the step; where its vertex
             # is below zero inside, the joint may have stopped and gone on.
             u0, u1 = self.senses * self._moved.start_rates, self.senses * self._moved.rates()

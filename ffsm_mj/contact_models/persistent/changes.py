@@ -17,7 +17,7 @@ from ffsm_mj.contact_models.persistent.closed_contacts import ClosedContacts
 from ffsm_mj.contact_models.persistent.closing import points_at_rest, switched_rate_tolerance
 from ffsm_mj.contact_models.persistent.columns import ContactReport, LimitReport
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
-from ffsm_mj.contact_models.persistent.friction.modes import Mode
+from ffsm_mj.contact_models.persistent.friction.modes import PointMode
 from ffsm_mj.contact_models.persistent.record import (
     CONTACT_BEGINS,
     CONTACT_CHANGES,
@@ -108,10 +108,10 @@ class ContactChanges:
         kinds = self._closed.modes.of(decision.contact_points).kinds.tolist()
         if kinds == decision.kinds.tolist():
             return None
-        before = _slides(decision.contact_points, kinds)
-        after = _slides(decision.contact_points, decision.kinds.tolist())
+        before = _sliding_pairs(decision.contact_points, kinds)
+        after = _sliding_pairs(decision.contact_points, decision.kinds.tolist())
         # A pair without a mode before has just begun: the record of its beginning says whether it slides.
-        changed = [pair for pair, slides in after.items() if pair in before and before[pair] != slides]
+        changed = [pair for pair, is_sliding in after.items() if pair in before and before[pair] != is_sliding]
         slips, sticks = [pair for pair in changed if after[pair]], [pair for pair in changed if not after[pair]]
         return (CONTACT_SLIPS, slips) if slips else (CONTACT_STICKS, sticks) if sticks else None
 
@@ -166,12 +166,12 @@ class ContactChanges:
         return points_at_rest(self._scene, pair, near, switched_rate_tolerance(near))
 
 
-def _slides(contact_points: Sequence[ContactPoint], kinds: Sequence[int]) -> dict[UnilateralConstraint, bool]:
+def _sliding_pairs(contact_points: Sequence[ContactPoint], kinds: Sequence[int]) -> dict[UnilateralConstraint, bool]:
     """Pairs with friction that carry force, and whether any of their points slides."""
     sliding: dict[UnilateralConstraint, bool] = {}
     for contact, kind in zip(contact_points, kinds, strict=True):
-        if contact.pair.mu > 0.0 and kind in (Mode.SLIDE, Mode.STICK):
-            sliding[contact.pair] = sliding.get(contact.pair, False) or kind == Mode.SLIDE
+        if contact.pair.mu > 0.0 and kind in (PointMode.SLIDE, PointMode.STICK):
+            sliding[contact.pair] = sliding.get(contact.pair, False) or kind == PointMode.SLIDE
     return sliding
 
 

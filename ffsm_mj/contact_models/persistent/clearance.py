@@ -71,21 +71,21 @@ class Clearance:
         """Discard the clearance that is kept."""
         self._known: tuple[object, float] | None = None
 
-    def least(self, place: object, largest: float, gaps_of: GapsOf) -> float:
+    def least(self, kinematics: object, largest: float, gaps_of: GapsOf) -> float:
         """Least clearance outside the active contact points: gap less drift, plus the threshold, m.
 
         Args:
-            place: Token of the present positions and velocities; the clearance at one state is computed once.
+            kinematics: Token of the present positions and velocities; the clearance at one state is computed once.
             largest: Largest absolute gap of a contact point, m.
             gaps_of: Returns gaps of contact points.
         """
         if not self.pairs:
             return math.inf
-        if self._known is None or self._known[0] is not place:
+        if self._known is None or self._known[0] is not kinematics:
             # On three corners, two convex bodies are on either side of the face: nothing else of them can overlap.
             level = self.flat_pairs if largest <= LEVEL_M else ()
             others = [self._gap_elsewhere(pair, gaps_of(pair)) for pair in self.pairs if pair not in level]
-            self._known = place, min([*others, 0.0] if level else others) + OTHER_POINT_M
+            self._known = kinematics, min([*others, 0.0] if level else others) + OTHER_POINT_M
         return self._known[1]
 
     def _gap_elsewhere(self, pair: ContactPair, gaps: Sequence[float]) -> float:

@@ -57,8 +57,8 @@ class ForceSolver:
     Attributes:
         smooth: Smooth forces on the motion.
         other_forces: Applied forces besides those of persistent contacts, (nv,).
-        last_rows: Rows computed last, with their points and place.
-        last_evaluation: Points evaluated last, with their place and load.
+        last_rows: Rows computed last, with their points and the token of their state.
+        last_evaluation: Points evaluated last, with the tokens of their state and load.
         flat: Pairs that are held at three points of a flat patch at least.
     """
 
@@ -88,9 +88,9 @@ class ForceSolver:
         self._evaluators.clear()
         self._stage_forces = None
 
-    def place(self) -> object:
+    def kinematics(self) -> object:
         """Token of the current positions and velocities."""
-        return self.smooth.place()
+        return self.smooth.kinematics()
 
     def _follow_loops(self) -> None:
         """Discard what is kept where the motion holds other rows now, as of joints that have come to rest at this state."""
@@ -103,16 +103,16 @@ class ForceSolver:
         """The contact problem of some contact points in their modes."""
         self._follow_loops()
         smooth, modes = self.smooth, self._modes.of(contact_points)
-        place, load, known = smooth.place(), smooth.load(self.other_forces), self.last_evaluation
+        kinematics, load, known = smooth.kinematics(), smooth.load(self.other_forces), self.last_evaluation
         # The modes, too: an event may have put others at the same state under the same efforts.
-        if known is not None and known[0] is place and known[1] is load and known[2].modes is modes:
+        if known is not None and known[0] is kinematics and known[1] is load and known[2].modes is modes:
             return known[2]
         rows = self.last_rows
         # By value: the active set may be another tuple of the same points, whose rows are these.
-        if rows is None or rows[1] is not place or rows[0] != contact_points:
-            rows = self.last_rows = contact_points, place, self._rows(contact_points)
+        if rows is None or rows[1] is not kinematics or rows[0] != contact_points:
+            rows = self.last_rows = contact_points, kinematics, self._rows(contact_points)
         now = ContactEvaluation(contact_points, rows[2], smooth.force(self.other_forces), modes)
-        self.last_evaluation = place, load, now
+        self.last_evaluation = kinematics, load, now
         return now
 
     def pressing_accelerations(self, contact_points: Points) -> FloatArray:
@@ -236,7 +236,7 @@ class ClosedContacts:
                 ContactPoint(pair, pair.feature if isinstance(pair, JointLimit) else stored.from_plain(feature))
                 for feature in kept
             )
-        self._count()
+        self._follow_points()
         self.set_pressing(tuple(self.contact_points[i] for i in values["pressing"]))
         # After set_pressing, which counts the points that press now: the run may have found the patch at others.
         self.solver.flat = frozenset(pairs[name] for name in values["flat"])
@@ -270,14 +270,14 @@ class ClosedContacts:
     def set_points(self, pair: UnilateralConstraint, contact_points: Sequence[ContactPoint]) -> None:
         """Set the contact points of a pair; none if it is about to open."""
         self.by_pair[pair] = tuple(contact_points)
-        self._count()
+        self._follow_points()
 
     def remove(self, pair: UnilateralConstraint) -> None:
         """Remove a pair."""
         del self.by_pair[pair]
-        self._count()
+        self._follow_points()
 
-    def _count(self) -> None:
+    def _follow_points(self) -> None:
         self.modes.forget_structures()
         self.contact_points = tuple(contact for contact_points in self.by_pair.values() for contact in contact_points)
         self.solver.forget_points()
@@ -465,7 +465,7 @@ class ClosedContacts:
     def _clearance_elsewhere(self, decision: Decision | None) -> float:
         """Least clearance of closed pairs outside their active contact points, m."""
         largest = decision.rows.extremes.gap if decision is not None else 0.0
-        return self.clearance.least(self.solver.place(), largest, self.gaps_of)
+        return self.clearance.least(self.solver.kinematics(), largest, self.gaps_of)
 
     def gaps_of(self, pair: ContactPair) -> list[float]:
         """Gaps of the contact points of a pair, m."""

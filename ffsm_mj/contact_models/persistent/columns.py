@@ -27,15 +27,10 @@ from ffsm_mj.contact_models.persistent.friction.decision import Decision
 from ffsm_mj.contact_models.persistent.friction.report import FrictionReport
 from ffsm_mj.contact_models.persistent.record import FRICTION_KINDS
 from ffsm_mj.contact_models.persistent.rule_columns import (
-    CLOSED,
-    FREE,
     IMPULSE,
-    MODE_NAMES,
     NOTHING,
-    PRESSING,
-    SLIDING,
-    STICKING,
     Resultant,
+    RuleMode,
     RuleTables,
     points_of,
     resultant,
@@ -228,8 +223,8 @@ def _active_contact(pair: ContactPair, at: Resultant, decision: Decision | None)
     place = pair.name, at.force, at.centre.copy(), at.normal.copy()
     friction = decision.of_pairs.by_pair.get(pair) if decision is not None else None
     if friction is None:
-        return ActiveContact(*place, MODE_NAMES[PRESSING if at.size else CLOSED])
-    mode = MODE_NAMES[SLIDING if friction.slides else STICKING]
+        return ActiveContact(*place, (RuleMode.PRESSING if at.size else RuleMode.CLOSED).word)
+    mode = (RuleMode.SLIDING if friction.is_sliding else RuleMode.STICKING).word
     return ActiveContact(*place, mode, friction.force, friction.slip, friction.use)
 
 
@@ -255,7 +250,7 @@ class ContactReport(_ForceTable):
 
     def closed_rules(self) -> frozenset[str]:
         """Rules with a closed pair according to the columns."""
-        return frozenset(rule for rule, row in self._rules.items() if self._values[row, 0] != FREE)
+        return frozenset(rule for rule, row in self._rules.items() if self._values[row, 0] != RuleMode.OPEN)
 
     def _write_values(self) -> None:
         """Write the columns for the state in ``data`` under its efforts."""
@@ -283,7 +278,7 @@ class ContactReport(_ForceTable):
             if pairs:
                 rubbing[rule] = pairs
                 # By definition a pair slides while any of its points does (docs/friction.md).
-                mode = SLIDING if any(pair.slides for pair in pairs) else STICKING
+                mode = RuleMode.SLIDING if any(pair.is_sliding for pair in pairs) else RuleMode.STICKING
             self._values[self._rules[rule], :IMPULSE] = (mode, *values)
         self.friction.write(rubbing)
 
@@ -397,7 +392,7 @@ class ContactReport(_ForceTable):
         friction = decision.of_pairs.by_pair.get(pair) if decision is not None else None
         if friction is None or decision is None:
             return {}
-        mode = MODE_NAMES[SLIDING if friction.slides else STICKING]
+        mode = (RuleMode.SLIDING if friction.is_sliding else RuleMode.STICKING).word
         fields: dict[str, Any] = {"friction": f"{mode}, wedged" if decision.of_pairs.is_wedged(pair) else mode}
         if kind not in FRICTION_KINDS:
             return fields

@@ -48,9 +48,9 @@ from ffsm_mj.contact_models.persistent.closed_contacts import ClosedContacts
 from ffsm_mj.contact_models.persistent.closing import closed_and_still, closed_rate_tolerance
 from ffsm_mj.contact_models.persistent.columns import force_key, state_key
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
-from ffsm_mj.contact_models.persistent.friction.cones import depth
+from ffsm_mj.contact_models.persistent.friction.cones import cone_depth
 from ffsm_mj.contact_models.persistent.friction.internal_forces import least_in_cones
-from ffsm_mj.contact_models.persistent.friction.modes import Mode, unit_slips
+from ffsm_mj.contact_models.persistent.friction.modes import PointMode, unit_slips
 from ffsm_mj.contact_models.persistent.rule_columns import force_keys, mode_key
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import mass_matrix
@@ -152,14 +152,14 @@ def _modes(closed: ClosedContacts, points: Sequence[PointAgain], u: FloatArray) 
     """
     decision = closed.decide()
     replayed = dict(zip(decision.contact_points, decision.kinds.tolist(), strict=True))
-    kinds = np.full(len(points), Mode.CLOSED, dtype=np.int64)
+    kinds = np.full(len(points), PointMode.CLOSED, dtype=np.int64)
     for i, point in enumerate(points):
         contact = _same_point(closed, point)
         # A candidate that the replay does not have carries no force. If it should, its gap closes, which is a violation.
-        kinds[i] = replayed[contact] if contact is not None else Mode.CLOSED
+        kinds[i] = replayed[contact] if contact is not None else PointMode.CLOSED
         # The velocity decides, not the replay: a run that takes a sliding point for a sticking one fails by its forces.
-        if kinds[i] == Mode.STICK and math.hypot(*u[i, 1:].tolist()) > closed_rate_tolerance(point.near):
-            kinds[i] = Mode.SLIDE
+        if kinds[i] == PointMode.STICK and math.hypot(*u[i, 1:].tolist()) > closed_rate_tolerance(point.near):
+            kinds[i] = PointMode.SLIDE
     return kinds, _ROUNDINGS * float(decision.rounding.max(initial=0.0))
 
 
@@ -184,9 +184,9 @@ def _forces(A: FloatArray, b: FloatArray, active: Sequence[int], along: FloatArr
 
 def _in_cones(A: FloatArray, forces: FloatArray, mu: FloatArray, kinds: IntArray) -> FloatArray:
     """Forces with the shares of sticking points inside their cones, if others of the same effect are, (k, 3)."""
-    sticks = np.flatnonzero(kinds == Mode.STICK)
+    sticks = np.flatnonzero(kinds == PointMode.STICK)
     # Of redundant points any share inside the cones will do: one outside is no violation while another is inside.
-    if not len(sticks) or depth(forces[sticks], mu[sticks]) >= 0.0:
+    if not len(sticks) or cone_depth(forces[sticks], mu[sticks]) >= 0.0:
         return forces
     rows = A.reshape(len(forces), 3, -1)[sticks].reshape(3 * len(sticks), -1)
     U, sizes, _ = np.linalg.svd(rows)
@@ -211,10 +211,10 @@ def _violation(
         inverse_mass: Inverse mass along each normal, 1/kg, (k,).
         rounding: Rounding of the rates, m/s^2.
     """
-    sticks, moves = kinds == Mode.STICK, inverse_mass > 0.0
-    outside = -depth(forces[sticks], mu[sticks]) if sticks.any() else 0.0
+    sticks, moves = kinds == PointMode.STICK, inverse_mass > 0.0
+    outside = -cone_depth(forces[sticks], mu[sticks]) if sticks.any() else 0.0
     # Normal forces that pull, and gaps that close.
-    negative = np.where(kinds == Mode.CLOSED, rates, forces[:, 0] * inverse_mass)[moves]
+    negative = np.where(kinds == PointMode.CLOSED, rates, forces[:, 0] * inverse_mass)[moves]
     # Compared as accelerations, of which the rounding is known; where no force moves a gap, neither says anything.
     normal = np.maximum(-negative - rounding, 0.0) / inverse_mass[moves]
     return max(outside, float(normal.max(initial=0.0)), 0.0)
@@ -231,17 +231,17 @@ def _active_rows(
     columns: list[FloatArray] = []
     for i, (point, across) in enumerate(zip(points, axes, strict=True)):
         contact, kind = _same_point(closed, point), int(kinds[i])
-        if kind in (Mode.SLIDE, Mode.STICK):
+        if kind in (PointMode.SLIDE, PointMode.STICK):
             column = np.zeros(3 * len(points))
             column[3 * i] = 1.0
-            if kind == Mode.SLIDE and point.pair.mu > 0.0:
+            if kind == PointMode.SLIDE and point.pair.mu > 0.0:
                 assert contact is not None
                 direction, rounding = known[contact]
                 along = _direction(u[i, 1:], across[1:] @ direction, rounding)
                 column[3 * i + 1 : 3 * i + 3] = -point.pair.mu * along
             active.append(3 * i)
             columns.append(column)
-        if kind == Mode.STICK:
+        if kind == PointMode.STICK:
             for row in (3 * i + 1, 3 * i + 2):
                 active.append(row)
                 columns.append(np.eye(1, 3 * len(points), row)[0])

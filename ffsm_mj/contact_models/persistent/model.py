@@ -412,7 +412,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
             # on. Taken as slip, their drift would give friction a direction of rounding.
             self._account.projected = self._drift.remove_drift()
             self._closed.update_pressing()
-            self._closed.modes.move()
+            self._closed.modes.begin_slip()
             self._closed.stages.clear()
 
     def continue_step(self) -> None:
@@ -529,9 +529,9 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         J, gamma = rows.J.reshape(len(self._closed.contact_points), 3, -1), rows.gamma.reshape(-1, 3)
         # Friction of sliding points has a size and a direction: it is a load on what dry friction holds, no row.
         friction = np.zeros(J.shape[2])
-        if modes.any_slides:
+        if modes.any_sliding:
             along = np.einsum("kij,kj->ki", rows.axes[:, 1:], self._closed.decide().friction)
-            friction += np.einsum("ki,kid->d", along[modes.slides], J[modes.slides, 1:])
+            friction += np.einsum("ki,kid->d", along[modes.sliding], J[modes.sliding, 1:])
         sticks = modes.drifts
         every = np.concatenate((J[:, 0], J[sticks, 1:].reshape(-1, J.shape[2])))
         rates = np.concatenate((gamma[:, 0], gamma[sticks, 1:].ravel()))

@@ -35,7 +35,7 @@ _LEAST_M_S = 1e-300
 """Keeps a quotient finite where a slip is exactly zero."""
 
 
-def changes_by_turns(decision: Decision, solution: Solution, slides: BoolArray) -> FloatArray:
+def changes_by_turns(decision: Decision, solution: Solution, sliding: BoolArray) -> FloatArray:
     """Changes of the forces where the direction of each slip turns by its rounding, N, (k, 3, m) for m turns.
 
     Turns below ``ACCELERATION`` are left out: normals are not known any better.
@@ -43,14 +43,14 @@ def changes_by_turns(decision: Decision, solution: Solution, slides: BoolArray) 
     Args:
         decision: The points at their state.
         solution: Their forces in some modes.
-        slides: Points that slide in these modes, (k,).
+        sliding: Points that slide in these modes, (k,).
     """
     modes, rows = decision.evaluation.modes, decision.rows
     # A point that goes straight on to its stop keeps the direction of an earlier slip.
     known_at = np.where(modes.straight, modes.directed_at, np.hypot(*rows.slips.T))
-    points = np.flatnonzero(slides & (modes.mu > 0.0) & (rows.speed_rounding > ACCELERATION * known_at))
+    points = np.flatnonzero(sliding & (modes.mu > 0.0) & (rows.speed_rounding > ACCELERATION * known_at))
     if not len(points):
-        return np.zeros((len(slides), 3, 0))
+        return np.zeros((len(sliding), 3, 0))
     changes = decision.problem.responses_to_turns(solution.kinds, solution.directions, points, solution.forces)
     # A slip that is no more than its rounding may have any direction.
     turns = np.minimum(rows.speed_rounding[points] / np.maximum(known_at[points], _LEAST_M_S), math.pi)
@@ -115,7 +115,7 @@ def _force_changes(closed: ClosedContacts, *, before: bool = False) -> FloatArra
     decision, tilts = closed.decide(), _changes_by_tilts(closed)
     # The step ended in its own modes: those chosen at its end have other forces where a point has just stopped or slipped.
     if before:
-        turns = changes_by_turns(decision, decision.in_present_modes, decision.evaluation.modes.slides)
+        turns = changes_by_turns(decision, decision.in_present_modes, decision.evaluation.modes.sliding)
     else:
         turns = changes_by_turns(decision, decision.solution, (decision.kinds == SLIDE) & decision.slipping)
     return np.concatenate((turns, tilts), axis=2)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Container, Sequence
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -13,10 +14,22 @@ from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint, PointRows
 from ffsm_mj.records.signals import Signal, identifier
 
-FREE, CLOSED, PRESSING, STICKING, SLIDING = 0.0, 1.0, 2.0, 3.0, 4.0
-"""Contact modes of a rule in the log: one with friction that carries force is sticking or sliding instead of pressing."""
-MODE_NAMES = {FREE: "open", CLOSED: "closed", PRESSING: "pressing", STICKING: "sticking", SLIDING: "sliding"}
-"""Words for the contact modes."""
+
+class RuleMode(IntEnum):
+    """Contact modes of a rule in the log: with friction one with force is sticking or sliding instead of pressing."""
+
+    OPEN = 0
+    CLOSED = 1
+    PRESSING = 2
+    STICKING = 3
+    SLIDING = 4
+
+    @property
+    def word(self) -> str:
+        """The mode in words."""
+        return self.name.lower()
+
+
 _MODE = "contact state of {}: 0 open, 1 closed without force, 2 closed with force"
 _FRICTION_MODE = "contact state of {}: 0 open, 1 closed without force, 3 sticking, 4 sliding at one or more points"
 _SIGNALS = (
@@ -27,7 +40,7 @@ _SIGNALS = (
     *((f"centre_{x}_m", "m", "centre of pressure of {}, world axes; NaN if no contact point carries force") for x in "xyz"),
     ("impulse_N_s", "N s", "time integral of the contact force of {} since t = 0"),
 )
-NOTHING = np.array([FREE, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan, math.nan, math.nan, 0.0])
+NOTHING = np.array([RuleMode.OPEN, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan, math.nan, math.nan, 0.0])
 """Columns of a rule without a closed pair."""
 IMPULSE = len(NOTHING) - 1
 """Index of the impulse among the columns of a rule."""
@@ -127,14 +140,14 @@ def row_of(pairs: Sequence[tuple[ContactPair, Resultant]], pressing: Container[U
         ((pair, resultant),) = pairs
         force, carries = resultant.force.tolist(), pair in pressing
         centre = resultant.centre.tolist() if carries else _NOWHERE
-        return PRESSING if carries else CLOSED, 1.0, resultant.points, math.hypot(*force), *force, *centre
+        return RuleMode.PRESSING if carries else RuleMode.CLOSED, 1.0, resultant.points, math.hypot(*force), *force, *centre
     count = sum(resultant.points for _, resultant in pairs)
     carrying = [resultant for pair, resultant in pairs if pair in pressing]
     if not carrying:
-        return CLOSED, len(pairs), count, 0.0, 0.0, 0.0, 0.0, *_NOWHERE
+        return RuleMode.CLOSED, len(pairs), count, 0.0, 0.0, 0.0, 0.0, *_NOWHERE
     sizes = np.array([resultant.size for resultant in carrying])
     # Forces of several pairs may oppose each other, as in a grip: the centre of their sum would be anywhere.
     total = float(sizes.sum())
     force = np.sum([resultant.force for resultant in carrying], axis=0)
     centre = (sizes @ np.array([resultant.centre for resultant in carrying]) / total).tolist()
-    return PRESSING, len(pairs), count, total, *force.tolist(), *centre
+    return RuleMode.PRESSING, len(pairs), count, total, *force.tolist(), *centre

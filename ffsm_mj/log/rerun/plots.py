@@ -11,7 +11,7 @@ import numpy as np
 import rerun as rr
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.persistent.rule_columns import MODE_NAMES
+from ffsm_mj.contact_models.persistent.rule_columns import RuleMode
 from ffsm_mj.dynamics.rigid_body import external_actuators
 from ffsm_mj.log.palette import (
     AXES,
@@ -291,7 +291,7 @@ def contact_looks() -> rr.StateConfiguration:
     """Labels and colours of the modes of a contact."""
     colours = [(60, 60, 60), (100, 100, 100), BLUE, BLUE, VERMILION]
     return rr.StateConfiguration(
-        values=list(MODE_NAMES.values()), labels=[" ", " ", "force", "sticks", "slides"], colors=colours
+        values=[mode.word for mode in RuleMode], labels=[" ", " ", "force", "sticks", "slides"], colors=colours
     )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import rerun as rr
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.persistent.rule_columns import MODE_NAMES
+from ffsm_mj.contact_models.persistent.rule_columns import RuleMode
 from ffsm_mj.errors import THE_LOG, InputError, LogWriteError
 from ffsm_mj.log.drawing import FramePicker, Frames, marker_scale, posed_bodies
 from ffsm_mj.log.markers import plume_series, thrusters
@@ -96,7 +96,7 @@ class RerunSink(Sink):
         switching = Switching(layout.time, applied, FIRING)
         self._firing = Lanes(self._recording, "states/thrusters", switching, thruster_looks())
         self._modes = friction_modes(layout)
-        switching = Switching(layout.time, self._modes, MODE_NAMES)
+        switching = Switching(layout.time, self._modes, {int(mode): mode.word for mode in RuleMode})
         self._contacts = Lanes(self._recording, "states/contacts", switching, contact_looks())
         objects = {tree.name: object_colour(i) for i, tree in enumerate(self._system.objects)}
         self._colours = {self._system.robot.name: ROBOT_ON_DARK} | objects | {"tip": TIP_BEFORE_ON_DARK}

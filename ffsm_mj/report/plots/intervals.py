@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.persistent.rule_columns import SLIDING, mode_key
+from ffsm_mj.contact_models.persistent.rule_columns import RuleMode, mode_key
 from ffsm_mj.records.load_columns import LoadColumns, logged_load_columns
 from ffsm_mj.records.signals import identifier
 from ffsm_mj.report.plots.panels import Curve, Panel, spans, stacked
@@ -35,7 +35,7 @@ def contacts(subject: Subject) -> Figure:
     def curves(rules: list[str], what: str) -> list[Curve]:
         return [Curve(plain(name), run[f"contact.{identifier(name)}_{what}"]) for name in rules]
 
-    sliding = {name: spans(run.time, run[mode_key(name)] == SLIDING) for name in with_friction}
+    sliding = {name: spans(run.time, run[mode_key(name)] == RuleMode.SLIDING) for name in with_friction}
     bands = {"sliding": sliding} if with_friction else {}
     panels = [
         Panel("contact force, N", curves(names, "force_N"), height=1.4),

@@ -16,7 +16,7 @@ from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact_models.impact.friction.coulomb import coulomb_forces, lemke
 from ffsm_mj.contact_models.impact.laws import least_norm, project
-from ffsm_mj.contact_models.persistent.friction.cones import ON_CONE, cone_margin, depth
+from ffsm_mj.contact_models.persistent.friction.cones import ON_CONE, cone_depth, cone_margin
 from ffsm_mj.contact_models.persistent.friction.internal_forces import internal_forces
 from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK, unit_slips
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, Solution, StageEquation
@@ -44,7 +44,7 @@ class PointStates(NamedTuple):
 
     Attributes:
         slips: Slip velocities along (t1, t2), m/s, (k, 2).
-        slides: Points whose slip is not zero, (k,).
+        slipping: Points whose slip is not zero, (k,).
         kinds: Present modes, (k,); -1 for a point without one.
         directions: Present directions of slip, (k, 2).
         rounding: Rounding of the accelerations of each point, m/s^2, (k,).
@@ -52,7 +52,7 @@ class PointStates(NamedTuple):
     """
 
     slips: FloatArray
-    slides: BoolArray
+    slipping: BoolArray
     kinds: IntArray
     directions: FloatArray
     rounding: FloatArray
@@ -62,7 +62,7 @@ class PointStates(NamedTuple):
     def fit(self) -> bool:
         """Whether the present modes fit the slips: every point has a mode, and none that sticks slips."""
         known = min(self.kinds.tolist()) >= 0
-        return known and not (self.slides.any() and bool((self.slides & (self.kinds == STICK)).any()))
+        return known and not (self.slipping.any() and bool((self.slipping & (self.kinds == STICK)).any()))
 
 
 class ModeChoice:
@@ -71,7 +71,7 @@ class ModeChoice:
     def __init__(self, problem: FrictionProblem, states: PointStates) -> None:
         """Bind to a problem and the states of its points."""
         self._problem, self._states = problem, states
-        self._still = ~states.slides
+        self._still = ~states.slipping
         self._evaluated: dict[tuple[bytes, bytes], Solution] = {}
 
     @cached_property
@@ -94,12 +94,12 @@ class ModeChoice:
                 if kept.valid:
                     return kept
             # At rest friction may have any size and direction inside its cone: what such forces can hold sticks.
-            kinds = np.where(states.slides | (self._problem.mu == 0.0), SLIDE, STICK)
+            kinds = np.where(states.slipping | (self._problem.mu == 0.0), SLIDE, STICK)
             closed = self.evaluate(self._movable(kinds), self._directions(kinds))
             if closed.valid:
                 return self._without_idle(closed)
             # A point that slides may be the one that does not press: the others then hold without it.
-            opened = np.where(states.slides, CLOSED, kinds)
+            opened = np.where(states.slipping, CLOSED, kinds)
             if (
                 np.any(opened != kinds)
                 and (solution := self.evaluate(self._movable(opened), self._directions(opened))).valid
@@ -142,7 +142,7 @@ class ModeChoice:
             return np.zeros_like(states.directions)
         # At rest u / |u| is 0 / 0: a point that begins to slide has the direction that was chosen where friction released
         # it.
-        directions = np.where(states.slides[:, None], unit_slips(states.slips), states.directions)
+        directions = np.where(states.slipping[:, None], unit_slips(states.slips), states.directions)
         return np.where(((kinds == SLIDE) & (mu > 0.0))[:, None], directions, 0.0)
 
     def evaluate(self, kinds: IntArray, directions: FloatArray) -> Solution:
@@ -207,7 +207,7 @@ class ModeChoice:
             return np.inf
         sticking, mu = forces[sticks], problem.mu[sticks]
         inverse_masses: list[float] = problem.inverse_mass[sticks].tolist()
-        margin = depth(sticking, mu)
+        margin = cone_depth(sticking, mu)
         rounding, inverse_mass = ON_CONE * float(np.abs(forces).max()), sum(inverse_masses) / len(inverse_masses)
         # Forces of redundant points are not unique: they stick if any shares of the same effect lie inside all cones.
         # The cone program costs more than fifty times the check of the points' own cones: only where that fails.
@@ -275,12 +275,12 @@ class ModeChoice:
         """Forces (n, t1, t2) that satisfy Coulomb's conditions with a small compliance, (k, 3), and their residual."""
         problem, states = self._problem, self._states
         which = np.flatnonzero(problem.movable_normals)
-        forces = np.zeros((len(states.slides), 3))
+        forces = np.zeros((len(states.slipping), 3))
         if not len(which):
             return forces, 0.0
         rows = (3 * which[:, None] + np.arange(3)).ravel()
         # Coulomb's law fixes the direction of friction where a point slides; at rest it is part of the solution.
-        slips = np.where(states.slides[:, None], self._directions(np.full(len(states.slides), SLIDE)), 0.0)
+        slips = np.where(states.slipping[:, None], self._directions(np.full(len(states.slipping), SLIDE)), 0.0)
         G, b, mu = problem.G[np.ix_(rows, rows)], problem.b[rows], problem.mu[which]
         forces[which], residual = coulomb_forces(G, b, mu, slips[which])
         return forces, residual
@@ -335,12 +335,12 @@ class ModeChoice:
                 return None
             kinds[pulls], kinds[overlaps & problem.movable_normals] = CLOSED, STICK
             # A point with a slip cannot stick; without friction the sliding mode is the one that presses.
-            kinds[overlaps & (states.slides | (problem.mu == 0.0)) & problem.movable_normals] = SLIDE
+            kinds[overlaps & (states.slipping | (problem.mu == 0.0)) & problem.movable_normals] = SLIDE
             kinds[over], kinds[back] = SLIDE, STICK
             # Friction that reaches its limit opposes the slip that begins; the acceleration is zero there, and its direction
             # rounding.
             directions[over] = -unit_slips(solution.forces[over, 1:])
-            moving = states.slides & (kinds == SLIDE)
+            moving = states.slipping & (kinds == SLIDE)
             directions[moving] = self._directions(kinds)[moving]
             directions[kinds != SLIDE] = 0.0
         return None

@@ -66,7 +66,7 @@ def _lapack() -> Any:
     return lapack
 
 
-def depth(forces: FloatArray, mu: FloatArray) -> float:
+def cone_depth(forces: FloatArray, mu: FloatArray) -> float:
     """Least of mu lam_n - |lam_t| of some points, N."""
     points = zip(mu.tolist(), forces.tolist(), strict=True)  # plain floats: of few numbers, these are faster than arrays
     return float(min([limit * normal - math.hypot(*across) for limit, (normal, *across) in points]))

@@ -17,7 +17,7 @@ from ffsm_mj.contact_models.persistent.friction.modes import (
     STICK,
     FrictionModes,
     Layers,
-    sliding,
+    slipping_points,
     unit_slips,
 )
 from ffsm_mj.contact_models.persistent.friction.pair_friction import FrictionOfPairs
@@ -99,7 +99,7 @@ class Decision:
         # counts.
         if modes.any_straight:
             slips = np.where(modes.straight[:, None], self._speeds[:, None] * self._at_start, slips)
-        states = PointStates(slips, self._slides, modes.kinds, self._at_start, self.rounding, self._released)
+        states = PointStates(slips, self.slipping, modes.kinds, self._at_start, self.rounding, self._released)
         return ModeChoice(self.problem, states)
 
     @cached_property
@@ -118,15 +118,15 @@ class Decision:
         return np.where(modes.straight, np.maximum(np.sum(u * self._at_start, axis=1), 0.0), speeds)
 
     @cached_property
-    def _slides(self) -> BoolArray:
-        """Points that slip, (k,)."""
+    def slipping(self) -> BoolArray:
+        """Points whose slip is not zero, (k,)."""
         modes = self.evaluation.modes
-        # The answer of sliding() where all points stick and none exceeds the least bound on their drift.
+        # The answer of slipping_points() where all points stick and none exceeds the least bound on their drift.
         if not self._struck and max(self._speeds.tolist()) <= modes.drift_m_s:
             return modes.nowhere
-        slides = sliding(
+        slipping = slipping_points(
             self._speeds,
-            modes.slides,
+            modes.sliding,
             modes.stop_speeds,
             self.rows.speed_rounding,
             modes.straight,
@@ -134,7 +134,7 @@ class Decision:
             struck=self._struck,
             stops=self._stops,
         )
-        return slides & (modes.mu > 0.0)
+        return slipping & (modes.mu > 0.0)
 
     @cached_property
     def solution(self) -> Solution:
@@ -167,16 +167,16 @@ class Decision:
 
     def _worst_slide(self) -> str:
         """What pushes the sliding point apart whose own normal force does so least; empty where none slides."""
-        slides = np.flatnonzero(self._slides)
-        if not len(slides):
+        points = np.flatnonzero(self.slipping)
+        if not len(points):
             return ""
-        columns = self.problem.G.reshape(len(self.rows.axes), 3, -1, 3)[slides, :, slides][:, 0]
-        apart = columns[:, 0] - self.evaluation.modes.mu[slides] * np.sum(
-            columns[:, 1:] * unit_slips(self.rows.slips[slides]), axis=1
+        columns = self.problem.G.reshape(len(self.rows.axes), 3, -1, 3)[points, :, points][:, 0]
+        apart = columns[:, 0] - self.evaluation.modes.mu[points] * np.sum(
+            columns[:, 1:] * unit_slips(self.rows.slips[points]), axis=1
         )
         # Of its own force alone: several sliding points may have no solution together, although each has D > 0.
         least = int(np.argmin(apart))
-        name, falls = self.contact_points[slides[least]].pair, self.problem.b[3 * slides[least]]
+        name, falls = self.contact_points[points[least]].pair, self.problem.b[3 * points[least]]
         return f"; sliding point of {name}: G_nn - mu G_nt = {apart[least]:.3g} 1/kg, gap'' without forces {falls:.3g} m/s^2"
 
     @property
@@ -231,7 +231,7 @@ class Decision:
         """Make the modes chosen those of the next step."""
         if not self._modes.keep_still(self.contact_points, self.kinds):
             pinned = self.problem.pinned(self.kinds)
-            self._modes.set(self.contact_points, self.kinds, self.directions, self._speeds, self._slides, pinned)
+            self._modes.set(self.contact_points, self.kinds, self.directions, self._speeds, self.slipping, pinned)
 
     @cached_property
     def _in_present_modes(self) -> tuple[Solution, float]:
@@ -240,9 +240,9 @@ class Decision:
         if self._settled is not None:
             return self._settled, np.inf
         # A point without a mode (UNKNOWN) is a new one, which carries no force in the modes of this step.
-        if not modes.any_slides:
+        if not modes.any_sliding:
             return self._choice.evaluate(np.maximum(modes.kinds, 0), modes.no_slips), np.inf
-        directions, forward = slip_directions(self.problem, self.rows.slips, self._at_start, modes.slides, modes.straight)
+        directions, forward = slip_directions(self.problem, self.rows.slips, self._at_start, modes.sliding, modes.straight)
         return self._choice.evaluate(np.maximum(modes.kinds, 0), directions), forward
 
     def validity_margin(self, *, exact: bool = False) -> float:
@@ -266,16 +266,11 @@ class Decision:
     @property
     def turning(self) -> BoolArray:
         """Points that slide and whose direction of slip may turn in the step that starts here, (k,)."""
-        slides = (self.kinds == SLIDE) & (self.problem.mu > 0.0)
-        if not slides.any():
-            return np.asarray(slides)
+        sliding = (self.kinds == SLIDE) & (self.problem.mu > 0.0)
+        if not sliding.any():
+            return np.asarray(sliding)
         # On a line, or straight on to its stop, a slip has one direction: friction is smooth and explicit stages are stable.
-        return np.asarray(slides & ~self.problem.lines & ~self._modes.of(self.contact_points).straight)
-
-    @property
-    def slipping(self) -> BoolArray:
-        """Points whose slip is not zero, (k,)."""
-        return self._slides
+        return np.asarray(sliding & ~self.problem.lines & ~self._modes.of(self.contact_points).straight)
 
     @property
     def changes_modes(self) -> bool:
@@ -303,7 +298,7 @@ class Decision:
         """
         modes = self.evaluation.modes
         turned = np.sum(self.rows.slips * self._at_start, axis=1) < 0.0
-        return np.asarray(modes.slides & (turned | ~self._slides) & (self.kinds == SLIDE))
+        return np.asarray(modes.sliding & (turned | ~self.slipping) & (self.kinds == SLIDE))
 
     @property
     def releases(self) -> bool:
@@ -344,19 +339,19 @@ def step_rule(decision: Decision, last: Layers | None, left_s: float, time_s: fl
         efforts: Efforts in it, bit by bit.
     """
     # Only a slip that can turn is stiff: along a line friction is a constant times the normal force.
-    if decision.is_settled or not (slides := decision.turning).any():
+    if decision.is_settled or not (turns := decision.turning).any():
         return StepRule(left_s)
     problem, solution = decision.problem, decision.solution
-    u, d = decision.rows.slips[slides], solution.directions[slides]
-    f = solution.accelerations[slides, 1:]
-    k = (problem.mu * np.maximum(solution.forces[:, 0], 0.0) * problem.tangent_inverse_mass)[slides]
+    u, d = decision.rows.slips[turns], solution.directions[turns]
+    f = solution.accelerations[turns, 1:]
+    k = (problem.mu * np.maximum(solution.forces[:, 0], 0.0) * problem.tangent_inverse_mass)[turns]
     # A point that begins to slide has the direction to which friction turns it, and a slip of rounding.
-    r = np.where(decision.slipping[slides], np.hypot(u[:, 0], u[:, 1]), 0.0)
+    r = np.where(decision.slipping[turns], np.hypot(u[:, 0], u[:, 1]), 0.0)
     along, across = np.sum(d * f, axis=1), np.abs(d[:, 0] * f[:, 1] - d[:, 1] * f[:, 0])
     # Without load and slip acceleration nothing turns the slip: no deviation, and not 0 / 0.
     stiffness = np.maximum(k + np.abs(along), np.finfo(float).tiny)
     deviations = r * np.minimum(1.0, across / stiffness)
-    points = tuple([point for point, turns in zip(decision.contact_points, slides.tolist(), strict=True) if turns])
+    points = tuple([point for point, may_turn in zip(decision.contact_points, turns.tolist(), strict=True) if may_turn])
     first, damping = deviations, np.zeros(len(points))
     # An impact, a change of modes or a jump of the efforts turns the direction to which friction leads: a new layer begins
     # (docs/derivations.md).

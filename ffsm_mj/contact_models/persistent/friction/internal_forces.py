@@ -15,7 +15,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.contact_models.impact.friction.least_norm import least_norm_in, of_points, on_cones
-from ffsm_mj.contact_models.persistent.friction.cones import depth, largest_margin
+from ffsm_mj.contact_models.persistent.friction.cones import cone_depth, largest_margin
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
 
 _DEPENDENT = 1e-10
@@ -159,7 +159,7 @@ def shares_in_cones(problem: FrictionProblem, forces: FloatArray, sticks: IntArr
         Forces of the same effect, N, (k, 3): those given if they are inside the cones, or if no others are.
     """
     sticking, mu = forces[sticks], problem.mu[sticks]
-    if not len(sticks) or depth(sticking, mu) >= -_OUTSIDE * float(np.abs(sticking).max()):
+    if not len(sticks) or cone_depth(sticking, mu) >= -_OUTSIDE * float(np.abs(sticking).max()):
         return forces
     freedom = internal_forces(problem, sticks)
     # Unique forces cannot be shared otherwise; they may be outside by the excess up to which points stick.

@@ -34,7 +34,7 @@ _STRUCK = SOLVED / RATE
 """Slip that an impact leaves is rounding within SOLVED of the speeds, this many times the rounding of speeds."""
 
 
-class Mode(IntEnum):
+class PointMode(IntEnum):
     """Mode of a closed contact point. A point without friction that carries force slides: it presses, and no more."""
 
     CLOSED = 0
@@ -42,7 +42,7 @@ class Mode(IntEnum):
     STICK = 2
 
 
-CLOSED, SLIDE, STICK = map(int, Mode)
+CLOSED, SLIDE, STICK = map(int, PointMode)
 """The modes as plain numbers, which numpy compares faster."""
 
 
@@ -53,7 +53,7 @@ class PointModes:
     Attributes:
         mu: Coefficients of friction, (k,).
         kinds: Modes, UNKNOWN for points without one, (k,).
-        slides: Points that slide with friction, (k,).
+        sliding: Points that slide with friction, (k,).
         directions: Directions of slip at the start of the step, world axes, (k, 3); zero for points that do not slide.
         stop_speeds: Slips below which points that slide stop, m/s, (k,).
         straight: Points so close to their stop that their direction of slip is kept until then, (k,).
@@ -66,7 +66,7 @@ class PointModes:
 
     mu: FloatArray
     kinds: IntArray
-    slides: BoolArray
+    sliding: BoolArray
     directions: FloatArray
     stop_speeds: FloatArray
     straight: BoolArray
@@ -94,7 +94,7 @@ class PointModes:
     @cached_property
     def all_slide(self) -> bool:
         """Whether all points with friction slide, none of them straight on to its stop, and all without press."""
-        return self.any_slides and not self.any_straight and bool((self.kinds == SLIDE).all())
+        return self.any_sliding and not self.any_straight and bool((self.kinds == SLIDE).all())
 
     @cached_property
     def stick_mu(self) -> FloatArray:
@@ -107,9 +107,9 @@ class PointModes:
         return 2.0 * TOGETHER * float(self.stop_speeds.min()) if self.all_stick else -1.0
 
     @cached_property
-    def any_slides(self) -> bool:
+    def any_sliding(self) -> bool:
         """Whether any point slides with friction."""
-        return bool(self.slides.any())
+        return bool(self.sliding.any())
 
     @cached_property
     def any_straight(self) -> bool:
@@ -293,7 +293,7 @@ class FrictionModes:
         return PointModes(
             mu=mu,
             kinds=kinds,
-            slides=(kinds == SLIDE) & (mu > 0.0),
+            sliding=(kinds == SLIDE) & (mu > 0.0),
             directions=np.array([self._directions.get(contact, nothing) for contact in contact_points]).reshape(-1, 3),
             stop_speeds=_STOPPED * np.array(largest),
             straight=directed_at < np.inf,
@@ -310,7 +310,7 @@ class FrictionModes:
         kinds: IntArray,
         directions: FloatArray,
         slips: FloatArray,
-        slides: BoolArray,
+        slipping: BoolArray,
         pinned: BoolArray,
     ) -> None:
         """Set the modes of all closed points for the next step.
@@ -320,7 +320,7 @@ class FrictionModes:
             kinds: Their modes, (k,).
             directions: Directions of slip, world axes, (k, 3).
             slips: Slip speeds, m/s, (k,).
-            slides: Points that slip already; others only begin to slide, (k,).
+            slipping: Points that slip already; others only begin to slide, (k,).
             pinned: Sliding points that cannot slip while others stick; they keep the direction of their friction, (k,).
         """
         before, kinds_before, straight, kept = self._largest_slip, self._kinds, self._straight, self._directions
@@ -329,14 +329,14 @@ class FrictionModes:
         self._straight, self.replacing = {}, frozenset()
         self.forget_structures()
         self._kinds = dict(zip(contact_points, kinds.tolist(), strict=True))
-        begins = ((kinds == SLIDE) & ~slides).tolist()
+        begins = ((kinds == SLIDE) & ~slipping).tolist()
         self.beginning = frozenset(
             point for point, new in zip(contact_points, begins, strict=True) if new and point.pair.mu > 0.0
         )
         self._directions = dict(zip(contact_points, directions, strict=True))
         self._largest_slip = {}
         for contact, kind, slip, slips_already, stays in zip(
-            contact_points, kinds.tolist(), slips.tolist(), slides.tolist(), pinned.tolist(), strict=True
+            contact_points, kinds.tolist(), slips.tolist(), slipping.tolist(), pinned.tolist(), strict=True
         ):
             # Without friction the sliding mode says only that a point presses: it has no direction and does not stop.
             if contact.pair.mu == 0.0:
@@ -370,7 +370,7 @@ class FrictionModes:
         if self._largest_slip or self.beginning or len(self._kinds) != len(contact_points):
             return False
         present = self.of(contact_points)
-        if present.any_slides:
+        if present.any_sliding:
             return False
         if kinds is not present.kinds and kinds.tolist() != present.kinds.tolist():
             return False
@@ -411,7 +411,7 @@ class FrictionModes:
             self.replacing |= {contact for contact in new if contact not in self._kinds}
             self.forget_structures()
 
-    def move(self) -> None:
+    def begin_slip(self) -> None:
         """Take all slip from here on as slip: the drift of points that begin to slide has been projected out."""
         if self.beginning:
             self.beginning = frozenset()
@@ -455,9 +455,9 @@ def _with_friction(contact_points: Sequence[ContactPoint]) -> list[tuple[Unilate
     return runs
 
 
-def sliding(
+def slipping_points(
     slips: FloatArray,
-    slides: BoolArray,
+    sliding: BoolArray,
     stop_speeds: FloatArray,
     rounding: FloatArray,
     straight: BoolArray,
@@ -473,7 +473,7 @@ def sliding(
 
     Args:
         slips: Slip speeds, m/s, (k,).
-        slides: Points that slide with friction at present, (k,); others stop no point.
+        sliding: Points that slide with friction at present, (k,); others stop no point.
         stop_speeds: Slips below which sliding points stop, m/s, (k,).
         rounding: Rounding of the speeds, m/s, (k,).
         straight: Points that go straight on to their stop, and stop where their slip is zero, (k,).
@@ -489,8 +489,8 @@ def sliding(
     least = np.maximum(np.where(straight, 0.0, stop_speeds), rounding)
     # A run locates a stop just below this speed. At the logged state a replay may find the slip above it, by rounding: the
     # pose of a grasped object is transferred to the motion and back, which changes it by 1e-15 m, and slips with it.
-    if np.any(slides & (slips <= (least + rounding if stops else least))):
-        least = np.where(slides, close, least)
+    if np.any(sliding & (slips <= (least + rounding if stops else least))):
+        least = np.where(sliding, close, least)
     # Twice what stops together: a point that has just stopped must not slip again at once. Within a step velocities of
     # sticking points drift by its truncation, as gap rates do (CLOSED_RATE).
     drift = np.maximum(2.0 * close, CLOSED_RATE / RATE * rounding)

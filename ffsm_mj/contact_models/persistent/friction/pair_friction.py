@@ -22,14 +22,14 @@ class PairFriction(NamedTuple):
     """Friction of a pair that carries force.
 
     Attributes:
-        slides: Whether any of its points slides; otherwise those that carry force stick.
+        is_sliding: Whether any of its points slides; otherwise those that carry force stick.
         force: Tangential resultant on geom b, world axes, N, (3,).
         slip: Slip velocity of geom b relative to geom a at the point that slides fastest, world axes, m/s, (3,).
         use: Share of the friction limit, mu times the normal force, that its points use, in [0, 1]: 1 while one slides;
             while they stick, they would also stick with mu times this.
     """
 
-    slides: bool
+    is_sliding: bool
     force: FloatArray
     slip: FloatArray
     use: float
@@ -117,6 +117,6 @@ class FrictionOfPairs:
         friction = self.by_pair.get(pair)
         return (
             friction is not None
-            and not friction.slides
+            and not friction.is_sliding
             and wedged(self._evaluation.problem, self._sticks, self._first(dict(self._evaluation.modes.pairs)[pair]))
         )

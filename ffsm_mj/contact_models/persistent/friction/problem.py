@@ -49,13 +49,13 @@ class ActiveRows:
     Attributes:
         count: Number of all rows, 3k.
         rows: Indices of those held, ascending, (r,).
-        slides: Indices of sliding points with friction, (m,).
+        sliding_points: Indices of sliding points with friction, (m,).
         mu: Coefficients of friction of all points, (k,).
     """
 
     count: int
     rows: IntArray
-    slides: IntArray
+    sliding_points: IntArray
     mu: FloatArray
 
     @classmethod
@@ -63,8 +63,8 @@ class ActiveRows:
         """Determine the rows in a problem."""
         rows = problem.active_rows(kinds)
         # Where no normal force acts, friction in proportion to it is none.
-        slides = ((kinds == SLIDE) & (problem.mu > 0.0) & problem.movable_normals).nonzero()[0] if SLIDE in kinds else NONE
-        return cls(3 * len(kinds), rows, slides, problem.mu)
+        sliding = ((kinds == SLIDE) & (problem.mu > 0.0) & problem.movable_normals).nonzero()[0] if SLIDE in kinds else NONE
+        return cls(3 * len(kinds), rows, sliding, problem.mu)
 
     @cached_property
     def key(self) -> bytes:
@@ -74,7 +74,7 @@ class ActiveRows:
     @cached_property
     def columns(self) -> IntArray:
         """Columns of the normal forces of the sliding points, (m,)."""
-        return np.searchsorted(self.rows, 3 * self.slides)
+        return np.searchsorted(self.rows, 3 * self.sliding_points)
 
 
 Structures: TypeAlias = dict[bytes, ActiveRows]
@@ -201,7 +201,7 @@ class FrictionProblem:
     def is_regular(self, kinds: IntArray, slips: FloatArray) -> bool:
         """Whether normal forces push apart what slides: not beyond Painleve's paradox, where D = G_nn - mu G_nt s <= 0."""
         # Without sliding friction the matrix is R M^-1 R^T, positive definite on its range: there is no paradox.
-        return not len(self.structure(kinds).slides) or self.active_forces(kinds).is_regular(slips)
+        return not len(self.structure(kinds).sliding_points) or self.active_forces(kinds).is_regular(slips)
 
     def responses_to_turns(self, kinds: IntArray, slips: FloatArray, points: IntArray, forces: FloatArray) -> FloatArray:
         """Changes of forces per rad by which the directions of slip of some points turn, N, (k, 3, m).
@@ -251,11 +251,11 @@ class FrictionProblem:
         So it is where two points of a body stick and the load of a third one, which is redundant, is at its limit.
         """
         decided_points = np.zeros(len(kinds), dtype=np.bool_)
-        if STICK not in kinds or not len((structure := self.structure(kinds)).slides):
+        if STICK not in kinds or not len((structure := self.structure(kinds)).sliding_points):
             return decided_points
-        across = (3 * structure.slides[:, None] + np.array((1, 2))).ravel()
+        across = (3 * structure.sliding_points[:, None] + np.array((1, 2))).ravel()
         decided = self.active_forces(kinds).decide(self.G[np.ix_(across, structure.rows)], self.G.diagonal()[across])
-        decided_points[structure.slides] = decided.reshape(-1, 2).all(axis=1)
+        decided_points[structure.sliding_points] = decided.reshape(-1, 2).all(axis=1)
         return decided_points
 
     def virtual_shares(self, kinds: IntArray, forces: FloatArray) -> FloatArray:
@@ -273,7 +273,7 @@ class FrictionProblem:
 
 
 def slip_directions(
-    problem: FrictionProblem, slips: FloatArray, at_start: FloatArray, slides: BoolArray, straight: BoolArray
+    problem: FrictionProblem, slips: FloatArray, at_start: FloatArray, sliding: BoolArray, straight: BoolArray
 ) -> tuple[FloatArray, float]:
     """Directions of slip within a step: along the slip, with the sense that it had at the start of the step.
 
@@ -286,14 +286,14 @@ def slip_directions(
         problem: The contact problem, which knows the points that can slip along a line only.
         slips: Slip velocities along (t1, t2), m/s, (k, 2).
         at_start: Directions at the start of the step, (k, 2).
-        slides: Points that slide, (k,).
+        sliding: Points that slide, (k,).
         straight: Points that keep the direction, (k,).
 
     Returns:
         Unit directions, (k, 2), and the least slip along the direction at the start, m/s.
     """
     directions = np.zeros_like(slips)
-    if not slides.any():
+    if not sliding.any():
         return directions, np.inf
     forward = np.sum(slips * at_start, axis=1)
     unit = unit_slips(slips) * np.where(forward < 0.0, -1.0, 1.0)[:, None]
@@ -304,8 +304,8 @@ def slip_directions(
         axes = problem.line_directions()
         forth = axes * np.where(np.sum(axes * at_start, axis=1) < 0.0, -1.0, 1.0)[:, None]
         unit = np.where(problem.lines[:, None], forth, unit)
-    directions[slides] = unit[slides]
-    return directions, float(forward[slides].min())
+    directions[sliding] = unit[sliding]
+    return directions, float(forward[sliding].min())
 
 
 _STEPS, _HALVINGS = 40, 12
@@ -441,14 +441,14 @@ def stage_of(evaluation: ContactEvaluation, directions: FloatArray | None = None
         The stage, and the generalised contact forces, (nv,).
     """
     rows, modes = evaluation.rows, evaluation.modes
-    if directions is None or not modes.any_slides:
+    if directions is None or not modes.any_sliding:
         return evaluation.present_stage()
     forces, u = evaluation.problem.forces(modes.kinds, directions), rows.slips
     along = forces.reshape(-1)
     generalised = along.dot(rows.J)
     # Slip of a sticking point is drift: its power is not heat, and has either sign.
-    heat = -np.sum(forces[:, 1:] * u, axis=1) * modes.slides
-    slip_speeds = np.hypot(u[:, 0], u[:, 1]) * modes.slides
+    heat = -np.sum(forces[:, 1:] * u, axis=1) * modes.sliding
+    slip_speeds = np.hypot(u[:, 0], u[:, 1]) * modes.sliding
     return Stage(rows, along, generalised * rows.qvel, Slide(heat, slip_speeds)), generalised
 
 
@@ -456,7 +456,7 @@ def _directions_at(evaluation: ContactEvaluation) -> tuple[FloatArray, FloatArra
     """Directions of slip at a state, and at the start of the step, along the tangents, (k, 2)."""
     rows, modes = evaluation.rows, evaluation.modes
     at_start = modes.start_directions(rows.axes)
-    return slip_directions(evaluation.problem, rows.slips, at_start, modes.slides, modes.straight)[0], at_start
+    return slip_directions(evaluation.problem, rows.slips, at_start, modes.sliding, modes.straight)[0], at_start
 
 
 class _Node(NamedTuple):
@@ -477,7 +477,7 @@ class ImplicitSlips:
         """Begin at the first evaluation of the first node."""
         modes, self._first = evaluation.modes, evaluation
         # Only directions that can turn are unknowns: on a line, or straight on to a stop, they are known.
-        self._free: IntArray = np.flatnonzero(modes.slides & ~evaluation.problem.lines & ~modes.straight)
+        self._free: IntArray = np.flatnonzero(modes.sliding & ~evaluation.problem.lines & ~modes.straight)
         self._nodes: dict[int, _Node] = {}
 
     def stage_of(self, evaluation: ContactEvaluation, node: int) -> tuple[Stage, FloatArray]:

@@ -17,7 +17,7 @@ def choice(G, b, mu, slip=(0.0, 0.0), *, present=UNKNOWN, direction=(0.0, 0.0), 
     """The choice for one point."""
     states = PointStates(
         slips=np.array([slip]),
-        slides=np.array([slip != (0.0, 0.0)]),
+        slipping=np.array([slip != (0.0, 0.0)]),
         kinds=np.array([present]),
         directions=np.array([direction]),
         rounding=np.array([1e-12]),

@@ -9,7 +9,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.contact_models.persistent.friction.choice import ModeChoice
-from ffsm_mj.contact_models.persistent.friction.cones import depth, largest_margin
+from ffsm_mj.contact_models.persistent.friction.cones import cone_depth, largest_margin
 from ffsm_mj.contact_models.persistent.friction.internal_forces import least_in_cones
 from ffsm_mj.replay import replay_log
 from tests.contact_models.persistent.test_friction_seen import in_a_v, on_floor
@@ -25,7 +25,7 @@ def problems(count):
         freedom = np.linalg.qr(rng.normal(size=(3 * k, int(rng.integers(1, 3 * k - 4)))))[0]
         given = np.column_stack((rng.uniform(0.1, 1.0, k), 0.3 * rng.normal(size=(k, 2)))).ravel()
         given = (given - freedom @ (freedom.T @ given)).reshape(-1, 3)
-        if depth(given, mu) < 0.0 <= largest_margin(given, freedom, mu)[0]:
+        if cone_depth(given, mu) < 0.0 <= largest_margin(given, freedom, mu)[0]:
             count -= 1
             yield given, freedom, mu
 
@@ -37,7 +37,7 @@ def test_shares_have_the_effect_are_inside_the_cones_and_of_least_norm():
         found = least_in_cones(given, freedom, mu)
         change = (found - given).ravel()
         assert np.abs(change - freedom @ (freedom.T @ change)).max() < 1e-10 * unit
-        assert depth(found, mu) > -2e-9 * unit  # the cones are larger by 1e-9 of the largest force
+        assert cone_depth(found, mu) > -2e-9 * unit  # the cones are larger by 1e-9 of the largest force
         inside = largest_margin(given, freedom, mu)[1]
         # No step to others inside the cones reduces the norm: to those of the largest margin, and from there to random ones.
         directions = [
@@ -46,7 +46,7 @@ def test_shares_have_the_effect_are_inside_the_cones_and_of_least_norm():
         ]
         for other in (inside + direction for direction in directions):
             share = 1.0
-            while depth(inside + share * (other - inside), mu) < 0.0:
+            while cone_depth(inside + share * (other - inside), mu) < 0.0:
                 share *= 0.5
             feasible = inside + share * (other - inside)
             assert np.sum(found * (feasible - found)) > -1e-8 * unit**2

@@ -11,7 +11,7 @@ import pytest
 import ffsm_mj
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.force_check import _direction
-from ffsm_mj.contact_models.persistent.friction.modes import SLIDE, STICK, FrictionModes, sliding
+from ffsm_mj.contact_models.persistent.friction.modes import SLIDE, STICK, FrictionModes, slipping_points
 from ffsm_mj.contact_models.persistent.friction.problem import slip_directions
 from ffsm_mj.replay import replay_log
 from tests.contact_models.persistent.test_friction_seen import on_floor
@@ -77,7 +77,7 @@ def test_a_point_stops_with_another_one_that_stops_but_not_with_one_without_fric
     modes.set(points, np.array([SLIDE, SLIDE]), np.zeros((2, 3)), np.array([1e-3, 0.0]), ~none, none)
     before = modes.of(points)
     slips = np.array([50.0 * before.stop_speeds[0], 0.0])
-    found = sliding(slips, before.slides, before.stop_speeds, np.full(2, 1e-13), none, before.drifts, struck=False)
+    found = slipping_points(slips, before.sliding, before.stop_speeds, np.full(2, 1e-13), none, before.drifts, struck=False)
     assert found[0] == slides
 
 
