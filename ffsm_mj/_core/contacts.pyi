@@ -1,7 +1,7 @@
-from ffsm_mj._core.rows import RowEvaluator
+from ffsm_mj._core.rows import PointRows, RowEvaluator
 from ffsm_mj._core.stages import Smooth
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.persistent.contact_points import ContactPoint, PointRows
+from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.exchange import Stage
 from ffsm_mj.contact_models.persistent.friction.modes import PointModes
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, Solution

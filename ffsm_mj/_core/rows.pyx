@@ -22,12 +22,11 @@ import numpy as np
 
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.features.point_line_gaps import PointOnFace
-from ffsm_mj.contact.joint_limit import JointLimit
-from ffsm_mj.contact_models.persistent.contact_points import Extremes, PointRows
+from ffsm_mj.contact_models.persistent.contact_points import Extremes
 from ffsm_mj.contact_models.persistent.contact_points import point_runs
 from ffsm_mj.contact_models.persistent.contact_points import SinglePoint
 from ffsm_mj.dynamics.body_twists import BodyTwist, chain, PairTwist
-from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2
+from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2, RATE
 
 from libc.math cimport fabs, INFINITY, sqrt
 from libc.string cimport memset
@@ -296,13 +295,92 @@ cdef object resultant_of(list groups, part, const double[:] forces, friction):
     return vectors[0], vectors[1], vectors[2]
 
 
-class RowsInMemory(PointRows):
-    """Rows of points, with what loops over these find."""
+class PointRows:
+    """Contact points at one state, in the coordinates of a motion: rows of normals and tangents.
 
+    Row 3 i + j of J, (3k, nv), is axis j (n, t1, t2) of point i: gap' = J qdot and gap'' = J qddot + gamma along normals. A
+    joint limit, and a pair without friction, has zero tangents. Arrays are made when they are needed.
+
+    Attributes:
+        groups: The points, by what is evaluated together.
+        memory: Their rows.
+        active: Linear problems for the forces that hold some of the rows; see ``friction/problem.py``.
+        loop_rates: Part of gamma that is due to closed loops, m/s^2; None without any.
+        J: Derivative of velocities at the contact points with respect to the generalised velocity, (3k, nv).
+        gamma: Part of their accelerations that does not depend on those of the joints, m/s^2, (3k,).
+        response: J M^-1, like J; with closed loops J Mc^-1.
+        G: Delassus matrix J M^-1 J^T, 1/kg: accelerations per unit force; with closed loops J Mc^-1 J^T.
+        axes: Normal and tangents of each point, world axes, (k, 3, 3).
+        qvel: Generalised velocity, (nv,).
+        states: Gap, rate, normal and contact points of each contact point.
+        extremes: Smallest distance to the bounds of a feature, largest gap and largest rate.
+        slips: Slip velocities along the tangents, m/s, (k, 2).
+        speed_rounding: Rounding of the slip speeds, m/s, (k,).
+    """
+
+    loop_rates = None
+
+    def __init__(self, groups, memory):
+        """Store the points; see the attributes."""
+        self.groups, self.memory, self.active = groups, memory, {}
+
+    J = cached_property(lambda self: self.memory.array("J"))
+    gamma = cached_property(lambda self: self.memory.array("gamma"))
+    response = cached_property(lambda self: self.memory.array("response"))
+    G = cached_property(lambda self: self.memory.array("G"))
+    axes = cached_property(lambda self: self.memory.array("axes"))
+    qvel = cached_property(lambda self: self.memory.array("qvel"))
+    states = cached_property(lambda self: tuple([state for group in self.groups for state in group.states]))
     extremes = cached_property(lambda self: extremes_of(self.groups))
+    slips = cached_property(lambda self: self.J.dot(self.qvel).reshape(-1, 3)[:, 1:])
+
+    def close_loops(self, loops):
+        """Take the accelerations of the points with closed loops; called before anything else is computed from the rows."""
+        # What the loops take cancels against these terms: the rounding of the accelerations is that of the terms before.
+        self.memory.unclosed = self.response.copy()
+        # A contact force accelerates only what the loops leave free; with M^-1 in place of Mc^-1 it would pull them apart.
+        self.response[:] = loops.response(self.J)
+        self.loop_rates = self.J.dot(loops.acceleration())
+        self.gamma[:] += self.loop_rates
+
+    @property
+    def gaps(self):
+        """Gap of each contact point, m, (k,)."""
+        return [gap for group in self.groups for gap in group.gaps]
+
+    @property
+    def rates(self):
+        """Rates of the gaps, m/s, (k,)."""
+        return [rate for group in self.groups for rate in group.rates]
+
+    @property
+    def scales(self):
+        """Largest curvature term of the second rate of each gap, m/s^2, (k,)."""
+        return [scale for group in self.groups for scale in group.scales]
+
+    @property
+    def insides(self):
+        """Distance of each contact point to the bounds of its feature, m, (k,)."""
+        return [inside for group in self.groups for inside in group.insides]
+
+    @cached_property
+    def speed_rounding(self):
+        # The terms count, not their sum: on fast bodies a slip of zero is a difference of large numbers.
+        terms = np.abs(self.J * self.qvel).reshape(len(self.axes), -1).max(axis=1, initial=0.0)
+        return RATE * (1.0 + terms)
+
+    def wrenches(self, forces):
+        """Force, and moment about the world origin, on geom b of each group of points, for forces along the rows, (g, 6)."""
+        return self.memory.resultants(forces)
 
     def resultant(self, part, forces, friction):
-        """Resultant force of the points of one pair, its centre, and the mean unit normal."""
+        """Resultant force of the points of one pair, N, its centre, m, and the mean unit normal, (3,) each.
+
+        Args:
+            part: The points.
+            forces: Normal forces of all points, N, (k,).
+            friction: Friction forces on geom b of all points, world axes, N, (k, 3).
+        """
         return resultant_of(self.groups, part, forces, friction)
 
     def largest_slip(self, which):
@@ -366,7 +444,7 @@ cdef class RowEvaluator:
                 group.other = SinglePoint(features[0], in_patch=in_patch)
             group.start, group.count, group.rubs = places.start, len(alike), pair.mu > 0.0
             # The row of a joint is constant; that of a tendon changes with the state, and is written anew.
-            group.is_limit = isinstance(pair, JointLimit) and not pair.moves
+            group.is_limit = pair.is_limit and not pair.moves
             group.b, group.a = (bodies.setdefault(body, len(bodies)) for body in both)
             group.pair = pairs.setdefault((group.b, group.a), len(pairs))
             self.groups.append(group)
@@ -381,7 +459,7 @@ cdef class RowEvaluator:
         self.rates, self.velocities, self.centres = motion.data.qvel, motion.data.cvel, motion.data.subtree_com
         self.ids = np.array([*bodies], dtype=np.intp)
         self.roots = np.array([int(model.body_rootid[body]) for body in bodies], dtype=np.intp)
-        limits = {i: contact.pair for i, contact in enumerate(contact_points) if isinstance(contact.pair, JointLimit)}
+        limits = {i: contact.pair for i, contact in enumerate(contact_points) if contact.pair.is_limit}
         self.at_limits = list(limits)
         self.limits = [(i, row) for row, i in enumerate(limits, 6 * len(pairs))]
         jacobian = np.zeros((6 * len(pairs) + len(limits) + 1, self.nv))  # one more: no array is empty
@@ -561,7 +639,7 @@ cdef class RowEvaluator:
         cdef list states = self.states()
         self.write_wrenches(states, memory)
         self.combine(memory)
-        return RowsInMemory(states, memory)
+        return PointRows(states, memory)
 
     cdef int other_rows(self, Group group, state, axes, wrenches, gamma) except -1:
         """Rows of a single point of another feature, or of a joint limit."""

@@ -312,7 +312,7 @@ def record_kinds(
     scenario: ScenarioConfig, constraints: Sequence[UnilateralConstraint], sources: Sequence[Source]
 ) -> tuple[str, ...]:
     """Names of the kinds of records of friction, joint limits, delays, grasps, dry friction and declared contact models."""
-    limits = any(isinstance(constraint, JointLimit) for constraint in constraints)
+    limits = any(constraint.is_limit for constraint in constraints)
     kinds = [
         *(FRICTION_KINDS if any(constraint.mu > 0.0 for constraint in constraints) else ()),
         *((LIMIT_IMPACT, *LIMIT_KINDS) if limits else ()),

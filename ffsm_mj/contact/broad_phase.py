@@ -12,8 +12,8 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.joint_limit import JointLimit, LimitCoordinates
-from ffsm_mj.contact.pairs import UnilateralConstraint
+from ffsm_mj.contact.joint_limit import LimitCoordinates
+from ffsm_mj.contact.pairs import UnilateralConstraint, by_kind
 from ffsm_mj.tolerances import DISTANCE_QUERY_M
 
 FEW = 16
@@ -39,13 +39,13 @@ class BroadPhase:
             pairs: Pairs, then joint limits.
         """
         self.pairs, self._model = tuple(pairs), model
-        ids = np.array([pair.ids for pair in pairs if not isinstance(pair, JointLimit)], dtype=np.intp).reshape(-1, 2)
+        geoms, limits = by_kind(pairs)
+        ids = np.array([pair.ids for pair in geoms], dtype=np.intp).reshape(-1, 2)
         self._a, self._b = np.ascontiguousarray(ids.T)
         on_a, on_b = (model.geom_type[ids] == int(mujoco.mjtGeom.mjGEOM_PLANE)).T
         self._over = np.flatnonzero(on_a | on_b)
         self._planes = np.where(on_a, self._a, self._b)[self._over]
         self._senses = np.where(on_a, -1.0, 1.0)[self._over]
-        limits = [pair for pair in pairs if isinstance(pair, JointLimit)]
         self._coordinates = LimitCoordinates(limits)
         self._signs, self._limits = np.array([(limit.sign, limit.limit) for limit in limits]).reshape(-1, 2).T
         self.radii: FloatArray = np.concatenate((model.geom_rbound[ids].sum(axis=1), np.full(len(limits), -np.inf)))

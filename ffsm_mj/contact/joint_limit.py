@@ -25,7 +25,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.features.body_motion import Vector
 from ffsm_mj.contact.features.gap_function import FeatureState
 from ffsm_mj.contact.motion_bound import rate_per_root_energy
-from ffsm_mj.contact.proximity import Proximity, SecondRate
+from ffsm_mj.contact.proximity import FAR_M, Proximity, SecondRate
 from ffsm_mj.dynamics.loops.couplings import TendonRow
 from ffsm_mj.dynamics.springs import tendon_rows
 from ffsm_mj.model.system import tendon_bodies, tendon_unit
@@ -61,10 +61,12 @@ class JointLimit:
         position_tolerance: Zero: the gap is exact.
         size: Travel in rad or m over which the gap has at most one extremum.
         moves: Whether its row depends on the configuration: that of a joint does not.
+        is_limit: True: it is no pair of geoms.
     """
 
     MARGIN = 1.1
     """Safety factor: the rate within a step may exceed that at its ends."""
+    is_limit: Literal[True] = True
     mu = 0.0
     moves = False
     geom_ids: frozenset[int] = frozenset()
@@ -99,7 +101,7 @@ class JointLimit:
         """Coordinate of the joint, rad or m."""
         return float(data.qpos[self.qpos])
 
-    def gap(self, model: Any, data: Any, limit: float) -> float:  # noqa: ARG002
+    def gap(self, model: Any, data: Any, limit: float = FAR_M) -> float:  # noqa: ARG002
         """Distance of the joint from this limit, rad or m, negative beyond it; ``limit`` if it is larger."""
         return min(self.sign * (self.value(data) - self.limit), limit)
 

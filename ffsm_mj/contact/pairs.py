@@ -17,9 +17,9 @@ geoms add a normal, contact points, features and friction.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import mujoco
 import numpy as np
@@ -29,7 +29,7 @@ from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.motion_bound import MotionBound
 from ffsm_mj.contact.normal import HalfSpaceNormal, NormalSearch, separation
 from ffsm_mj.contact.patch import caps_of, facing, flush_offset, touching_set
-from ffsm_mj.contact.proximity import Proximity, SecondRate, second_rate
+from ffsm_mj.contact.proximity import FAR_M, Proximity, SecondRate, second_rate
 from ffsm_mj.contact.shape import Shape, position_tolerance, side_radius
 from ffsm_mj.model.system import System
 from ffsm_mj.state import Stateful
@@ -95,7 +95,10 @@ class ContactPair(Stateful):
         flush_offset: Offset of round sides that lie along each other; see :func:`~ffsm_mj.contact.patch.flush_offset`.
         flush_angle: Angle of the normals at both ends of such sides, rad; 0 without round sides.
         size: Half the thinnest extent of both geoms in m; over a shorter motion the gap has at most one extremum.
+        is_limit: False: it is no joint limit.
     """
+
+    is_limit: Literal[False] = False
 
     @dataclass
     class State:
@@ -171,7 +174,7 @@ class ContactPair(Stateful):
         """Both geoms, for messages."""
         return f"{self.geom_a} - {self.geom_b}"
 
-    def gap(self, model: Any, data: Any, limit: float) -> float:
+    def gap(self, model: Any, data: Any, limit: float = FAR_M) -> float:
         """Signed distance in m from a distance query, negative when overlapping; ``limit`` if it is larger."""
         return self._search.distance(model, data, limit)
 
@@ -258,3 +261,9 @@ class ContactPair(Stateful):
 
 UnilateralConstraint: TypeAlias = ContactPair | JointLimit
 """Two geoms that cannot overlap, or a joint that cannot move beyond one end of its range."""
+
+
+def by_kind(constraints: Iterable[UnilateralConstraint]) -> tuple[list[ContactPair], list[JointLimit]]:
+    """Pairs of geoms, and joint limits."""
+    every = tuple(constraints)
+    return [pair for pair in every if not pair.is_limit], [limit for limit in every if limit.is_limit]

@@ -25,6 +25,8 @@ from ffsm_mj.contact.patch import Cap, caps_of
 from ffsm_mj.contact.shape import Shape
 from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2, CROSSING, PARALLEL
 
+FAR_M = 1.0
+"""Limit of a gap query unless it is stated: whatever asks whether two geoms touch does not need larger gaps."""
 _PENETRATING, _EXACT = 1e3, 1e-3
 """A gap below minus the first times its rounding is penetration; the rate tolerance is then multiplied by the second."""
 

@@ -64,7 +64,7 @@ class DeepestOverlap(Stateful):
 
     def add(self, constraint: UnilateralConstraint, gap: float) -> None:
         """Update it with the gap of a pair in m, or of a joint limit in rad or m, at the end of a (sub-)step."""
-        place = self._column[constraint.unit] if isinstance(constraint, JointLimit) else 0
+        place = self._column[constraint.unit] if constraint.is_limit else 0
         self.deepest[place] = max(self.deepest[place], -gap)
 
 

@@ -106,7 +106,7 @@ def impact_records(
             "dropped_flights_s": omitted[i][1],
             **shared,
         }
-        if isinstance(pair, JointLimit):
+        if pair.is_limit:
             records.append(_at_limit(pair, near, pair.value(data), impact, i, dropped_gap=omitted[i][0], **common))
         else:
             moment = np.cross(point - _centre(system, data, pair.body_b), vectors[i])

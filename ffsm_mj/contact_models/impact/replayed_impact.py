@@ -17,7 +17,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.features.gap_function import tilt_rounding
 from ffsm_mj.contact.features.search import features
-from ffsm_mj.contact.joint_limit import JointLimit, TendonLimit
+from ffsm_mj.contact.joint_limit import TendonLimit
 from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
 from ffsm_mj.contact_models.impact.friction.result import tangents
 from ffsm_mj.contact_models.impact.records import LimitImpactRecord
@@ -89,7 +89,7 @@ def _contact(record: _Record, pair: UnilateralConstraint, scene: Scene) -> Conta
     if isinstance(record, ImpactRecord):
         point, normal = np.array(record.point_m), np.array(record.normal)
         return Contact(pair.body_a, pair.body_b, point, normal, record.restitution, record.mu)
-    assert isinstance(pair, JointLimit)  # by its name
+    assert pair.is_limit  # by its name
     row = pair.row(scene.system.mj, scene.data).tolist() if isinstance(pair, TendonLimit) else ()
     return LimitContact(pair.dof, pair.sign, record.restitution, tuple(row))
 

@@ -25,7 +25,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.broad_phase import BroadPhase
-from ffsm_mj.contact.joint_limit import JointLimit, TendonLimit
+from ffsm_mj.contact.joint_limit import TendonLimit
 from ffsm_mj.contact.pairs import UnilateralConstraint
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.law import ImpactLaw, ImpactProblem, friction_of, impact_law, impact_laws, solve_impact
@@ -147,7 +147,7 @@ def as_contact(
     pair: UnilateralConstraint, near: Proximity, point: FloatArray, motion: Motion, restitution: float
 ) -> Contact | LimitContact:
     """A closed pair or joint limit as a contact in the coordinates of a motion."""
-    if isinstance(pair, JointLimit):
+    if pair.is_limit:
         # The length of a tendon depends on several joints, so its row changes with the state; that of a joint is a unit
         # vector.
         row = pair.row(motion.model, motion.data, motion.dofs).tolist() if isinstance(pair, TendonLimit) else ()

@@ -41,7 +41,7 @@ from ffsm_mj.contact.broad_phase import FEW, BroadPhase
 from ffsm_mj.contact.joint_limit import JointLimit, LimitCoordinates
 from ffsm_mj.contact.motion_bound import TravelBound, speeds_per_root_energy
 from ffsm_mj.contact.normal import DISTANCE_LIMIT_M
-from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
+from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint, by_kind
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.columns import DeepestOverlap
 from ffsm_mj.contact_models.impact.resolution import ClosedPairs, PersistentContacts, closed_pairs
@@ -407,8 +407,7 @@ class Detector(EventSource, Replayable):
         self._overlap = overlap or DeepestOverlap()
         self.columns: tuple[Columns, ...] = self._overlap.columns
         self._broad_phase = BroadPhase(self._model, self.pairs)
-        geoms = [pair for pair in self.pairs if not isinstance(pair, JointLimit)]
-        limits = [pair for pair in self.pairs if isinstance(pair, JointLimit)]
+        geoms, limits = by_kind(self.pairs)
         self._clearances, self._limits = Clearances(scene, geoms), LimitClearances(scene, limits, len(geoms))
         self.watched, self.travels = frozenset(pair.geom_ids for pair in self.pairs), (self._clearances.travel,)
         self._suspects: tuple[int, ...] = ()

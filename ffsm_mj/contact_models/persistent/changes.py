@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ffsm_mj.contact.joint_limit import JointLimit
-from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
+from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint, by_kind
 from ffsm_mj.contact_models.interface import EventTime, LoggedEvent, Scene, event_fields
 from ffsm_mj.contact_models.persistent.closed_contacts import ClosedContacts
 from ffsm_mj.contact_models.persistent.closing import points_at_rest, switched_rate_tolerance
@@ -70,7 +70,7 @@ class ContactChanges:
 
         Neither a start nor an end is logged: the joint does not stay there.
         """
-        new = [pair for pair in self._closed.by_pair if isinstance(pair, JointLimit) and pair not in self.logged]
+        new = [pair for pair in self._closed.by_pair if pair.is_limit and pair not in self.logged]
         leaving = self._closed.leaving() if new else ()
         return [limit for limit in new if set(self._closed.by_pair[limit]).issubset(leaving)]
 
@@ -217,12 +217,6 @@ class ChangeRecords:
             *report.records(kind, places, before, shared, closed),
             *(self._limits.records(_LIMIT_KIND_OF[kind.name], at_limits, shared) if limits else ()),
         )
-
-
-def by_kind(pairs: Sequence[UnilateralConstraint]) -> tuple[list[ContactPair], list[JointLimit]]:
-    """Pairs of geoms, and joint limits."""
-    geoms = [pair for pair in pairs if isinstance(pair, ContactPair)]
-    return geoms, [pair for pair in pairs if isinstance(pair, JointLimit)]
 
 
 def name_of(record: Any) -> str:

@@ -100,7 +100,7 @@ class Clearance:
         An overlap by more than a landing is one that a step has passed, although its end separates again.
         """
         data = self._scene.data
-        gap = pair.gap(self._model, data, 1.0)
+        gap = pair.gap(self._model, data)
         # One distance query excludes an overlap at nearly every step; points and rates are needed only beyond.
         if gap > -_OVERLAPS_M:
             return gap

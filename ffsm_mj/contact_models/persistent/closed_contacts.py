@@ -14,19 +14,18 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ffsm_mj._core.contacts import ContactEvaluation, StageForces
-from ffsm_mj._core.rows import RowEvaluator
+from ffsm_mj._core.rows import PointRows, RowEvaluator
 from ffsm_mj._core.stages import Smooth, dip
 from ffsm_mj._core.steady import SteadyContacts
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.features.gap_function import Feature, FeatureState
 from ffsm_mj.contact.features.search import StoredFeatures
-from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.clearance import Clearance, Tilts
 from ffsm_mj.contact_models.persistent.closing import points_at_rest, slow_points
-from ffsm_mj.contact_models.persistent.contact_points import ContactPoint, PointRows
+from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.exchange import Stage
 from ffsm_mj.contact_models.persistent.friction.choice import pressing_without_friction
 from ffsm_mj.contact_models.persistent.friction.decision import Decision, step_rule
@@ -209,7 +208,7 @@ class ClosedContacts:
         """The closed contacts."""
         stored = StoredFeatures(self._model)
         closed = [
-            (pair.name, [None if isinstance(pair, JointLimit) else stored.to_plain(point.feature) for point in points])
+            (pair.name, [None if pair.is_limit else stored.to_plain(point.feature) for point in points])
             for pair, points in self.by_pair.items()
         ]
         place = {contact: i for i, contact in enumerate(self.contact_points)}
@@ -233,8 +232,7 @@ class ClosedContacts:
         for name, kept in values["closed"]:
             pair = pairs[name]
             self.by_pair[pair] = tuple(
-                ContactPoint(pair, pair.feature if isinstance(pair, JointLimit) else stored.from_plain(feature))
-                for feature in kept
+                ContactPoint(pair, pair.feature if pair.is_limit else stored.from_plain(feature)) for feature in kept
             )
         self._follow_points()
         self.set_pressing(tuple(self.contact_points[i] for i in values["pressing"]))
@@ -369,7 +367,7 @@ class ClosedContacts:
     @property
     def may_be_steady(self) -> bool:
         """Whether :attr:`steady` knows all that bounds a step: not tilts, joint limits, closed loops and dry friction."""
-        closed = all(contact_points and not isinstance(pair, JointLimit) for pair, contact_points in self.by_pair.items())
+        closed = all(contact_points and not pair.is_limit for pair, contact_points in self.by_pair.items())
         others = self.motion.loops is not None or self.motion.rubs or self._tilts.bound_steps
         return closed and not others and self.pressing == self.contact_points != ()
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from ffsm_mj.contact.features.gap_function import FeatureState
 from ffsm_mj.contact.features.search import features, features_at_rest
-from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import UnilateralConstraint
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.resolution import ClosedPairs
@@ -74,7 +73,7 @@ def closed_at(
     model, data = scene.system.mj, scene.data
     for pair in pairs:
         # The distance query may be wrong by DISTANCE_QUERY_M: at ten times that it leaves out no pair in contact.
-        if pair.gap(model, data, 1.0) <= CLEARLY_APART_M:
+        if pair.gap(model, data) <= CLEARLY_APART_M:
             near = pair.proximity(model, data)
             yield pair, near, closed_rate_tolerance(near) if pair in closed else near.rate_tolerance
 
@@ -96,7 +95,7 @@ def points_at_rest(scene: Scene, pair: UnilateralConstraint, near: Proximity, st
         still: Gap rates within this of zero are rounding.
     """
     data = scene.data
-    if isinstance(pair, JointLimit):
+    if pair.is_limit:
         return (ContactPoint(pair, pair.feature),) if abs(near.rate) <= still else ()
 
     def is_still(at: FeatureState) -> bool:
@@ -121,7 +120,7 @@ def slow_points(
     points = [
         ContactPoint(pair, feature)
         for pair, near in pairs
-        for feature in ((pair.feature,) if isinstance(pair, JointLimit) else features(pair, model, data, near))
+        for feature in ((pair.feature,) if pair.is_limit else features(pair, model, data, near))
     ]
     return [
         (contact, at.rate)
@@ -133,7 +132,7 @@ def slow_points(
 
 def _is_among(points: Sequence[ContactPoint], new: ContactPoint, at: FeatureState, data: Any) -> bool:
     """Whether some contact points have one at this position, or this joint limit."""
-    if isinstance(new.pair, JointLimit):
+    if new.pair.is_limit:
         return any(contact.pair is new.pair for contact in points)
     # A corner at the bounds of two features is found by both: closed twice, it would bear two shares of the load.
     return any(math.dist(contact.feature.at(data).point, at.point) < FEATURE_BOUND_M for contact in points)

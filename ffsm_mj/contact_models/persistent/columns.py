@@ -17,7 +17,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact.features.body_motion import shifted
 from ffsm_mj.contact.joint_limit import JointLimit
-from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
+from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint, by_kind
 from ffsm_mj.contact_models.impact.columns import DeepestOverlap, FrictionHeat
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.closed_contacts import ClosedContacts
@@ -112,7 +112,7 @@ class LimitReport(_ForceTable):
 
     def _write_values(self) -> None:
         """Write the columns for the state in ``data`` under its efforts."""
-        limits = [pair for pair in self._closed.by_pair if isinstance(pair, JointLimit)]
+        _, limits = by_kind(self._closed.by_pair)
         if not limits and self._is_blank:
             return
         # The third column is a sum since t = 0, which stays.
@@ -127,13 +127,13 @@ class LimitReport(_ForceTable):
             return state
         decision = self._closed.decide()
         for i, (contact, force) in enumerate(zip(decision.contact_points, decision.forces.tolist(), strict=True)):
-            if isinstance(contact.pair, JointLimit) and contact.pair in state:
+            if contact.pair.is_limit and contact.pair in state:
                 state[contact.pair] = (_PRESSED, force) if i in decision.pressing else (_TOUCHING, 0.0)
         return state
 
     def add_forces(self, applied: FloatArray) -> None:
         """Add the forces of all limits under the efforts in ``data``, (nv,) of the motion."""
-        limits = [pair for pair in self._closed.by_pair if isinstance(pair, JointLimit)]
+        _, limits = by_kind(self._closed.by_pair)
         for limit, (_, force) in self._now(limits).items():
             motion = self._closed.motion
             applied += limit.row(motion.model, motion.data, motion.dofs) * force
@@ -141,7 +141,7 @@ class LimitReport(_ForceTable):
     def add_impulses(self, impulses: Mapping[Any, float]) -> None:
         """Add the impulses in a step, N s or N m s."""
         for limit, impulse in impulses.items():
-            if isinstance(limit, JointLimit):
+            if limit.is_limit:
                 self._values[self._row[limit], 2] += impulse
 
     def forces_before(self, limits: Sequence[JointLimit]) -> dict[JointLimit, float]:
@@ -150,7 +150,7 @@ class LimitReport(_ForceTable):
         last = self._closed.last_stage
         if last is not None:
             for contact, force in zip(self._closed.pressing, last.forces.tolist(), strict=True):
-                if isinstance(contact.pair, JointLimit) and contact.pair in forces:
+                if contact.pair.is_limit and contact.pair in forces:
                     forces[contact.pair] = force
         return forces
 
@@ -288,7 +288,7 @@ class ContactReport(_ForceTable):
         by_rule = dict[str, list[tuple[ContactPair, Resultant]]]()
         for pair, points_ in closed.by_pair.items():
             part = slice(end, end := end + len(points_))
-            if points_ and not isinstance(pair, JointLimit):
+            if points_ and not pair.is_limit:
                 sum_of = resultant(contact_points, decision.rows, forces, part, decision.friction)
                 by_rule.setdefault(pair.rule, []).append((pair, sum_of))
         return by_rule
@@ -309,7 +309,7 @@ class ContactReport(_ForceTable):
             decision.contact_points, decision.rows.states, decision.forces.tolist(), decision.friction, strict=True
         ):
             # A limit acts along a joint, not at a point: add_forces enters it.
-            if size and not isinstance(contact.pair, JointLimit):
+            if size and not contact.pair.is_limit:
                 force = size * state.normal + along
                 out += [Wrench(contact.pair.body_a, state.point, -force), Wrench(contact.pair.body_b, state.point, force)]
         return out
@@ -467,7 +467,7 @@ class StepAccount:
         points, rows = self._closed.contact_points, self._closed.decide().rows
         # Overlaps of geoms have one column in m, overruns of limits others in rad or m: only with both is the pair of a gap
         # needed.
-        if points and not any(isinstance(pair, JointLimit) for pair in self._closed.by_pair):
+        if points and not any(pair.is_limit for pair in self._closed.by_pair):
             self._overlap.add(points[0].pair, rows.extremes.lowest)
             return
         for contact, gap in zip(points, rows.gaps, strict=True):

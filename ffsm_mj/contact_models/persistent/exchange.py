@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ffsm_mj._core.rows import PointRows
 from ffsm_mj._core.stages import Slide, StageSums
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.cached_property import cached_property
-from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import UnilateralConstraint
-from ffsm_mj.contact_models.persistent.contact_points import ContactPoint, PointRows, point_runs
+from ffsm_mj.contact_models.persistent.contact_points import ContactPoint, point_runs
 from ffsm_mj.contact_models.state_projection import exchange_signs
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.model.system import System
@@ -110,7 +110,7 @@ def exchanged(
     sizes = dict[UnilateralConstraint, float]()
     for pair, groups, first in shares.pairs:
         # A limit acts along its joint alone: its force has no wrench.
-        if isinstance(pair, JointLimit):
+        if pair.is_limit:
             # Limits only push: the integral of the magnitude is that of the force.
             sizes[pair] = float(parts.dot([stage.forces.item(first) for stage in stages]))
         elif len(groups) == 1:

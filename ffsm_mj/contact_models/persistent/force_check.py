@@ -37,8 +37,7 @@ from ffsm_mj._core.steppers import WHOLE_STATE
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.contact.broad_phase import BroadPhase
 from ffsm_mj.contact.features.gap_function import FeatureState
-from ffsm_mj.contact.joint_limit import JointLimit
-from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
+from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint, by_kind
 from ffsm_mj.contact.proximity import Proximity, SecondRate
 from ffsm_mj.contact_models.impact.friction.result import tangents
 from ffsm_mj.contact_models.impact.laws import least_norm, project
@@ -118,7 +117,7 @@ def resultants_with_friction(
     violation = _violation(forces, mu, kinds, rates, np.sum(A[::3] ** 2, axis=1), rounding)
     resultants: dict[UnilateralConstraint, FloatArray] = {}
     for point, across, force in zip(points, axes, forces, strict=True):
-        vector = force[0] * _FIRST_ROW if isinstance(point.pair, JointLimit) else force @ across
+        vector = force[0] * _FIRST_ROW if point.pair.is_limit else force @ across
         resultants[point.pair] = resultants.get(point.pair, np.zeros(3)) + vector
     return resultants, violation
 
@@ -263,7 +262,7 @@ def _same_point(closed: ClosedContacts, point: PointAgain) -> ContactPoint | Non
     """The contact point of the replay at the place of a point."""
     for contact in closed.by_pair.get(point.pair, ()):
         if (
-            isinstance(point.pair, JointLimit)
+            point.pair.is_limit
             # Support functions and features place the corners of a mesh by different numbers of single precision.
             or math.dist(contact.feature.at(closed.data).point, point.point) <= SAME_POINT_M
         ):
@@ -281,8 +280,8 @@ class ForceCheck:
     def __init__(self, scene: Scene, pairs: Sequence[UnilateralConstraint], closed: ClosedContacts, layout: Layout) -> None:
         """Bind to the data, which holds the state of the row at each call, and to the closed contacts of the replay."""
         self._scene, self._pairs, self._closed_set = scene, tuple(pairs), closed
-        limits = self._limits = [pair for pair in pairs if isinstance(pair, JointLimit)]
-        self._rules = tuple(dict.fromkeys(pair.rule for pair in pairs if isinstance(pair, ContactPair)))
+        geoms, limits = by_kind(pairs)
+        self._limits, self._rules = limits, tuple(dict.fromkeys(pair.rule for pair in geoms))
         self._forces = layout.places(key for rule in self._rules for key in force_keys(rule))
         self._modes = layout.places(mode_key(rule) for rule in self._rules)
         self._limit_forces = layout.places(map(force_key, limits))
@@ -330,7 +329,7 @@ class ForceCheck:
 
     def _closed(self, pair: UnilateralConstraint, lasts: bool) -> Proximity | None:
         model, data = self._scene.system.mj, self._scene.data
-        if pair.gap(model, data, 1.0) > CLEARLY_APART_M:
+        if pair.gap(model, data) > CLEARLY_APART_M:
             return None
         near = pair.proximity(model, data)
         # MuJoCo stores mesh vertices in single precision: with several touching, the gap is known no better than that.
@@ -367,7 +366,7 @@ class ForceCheck:
         forces = least_norm(A, project(A, np.linalg.lstsq(A, rates, rcond=None)[0]))
         resultants: dict[UnilateralConstraint, Any] = {}
         for (pair, near, _), force in zip(points, forces.tolist(), strict=True):
-            along = _FIRST_ROW if isinstance(pair, JointLimit) else near.normal
+            along = _FIRST_ROW if pair.is_limit else near.normal
             resultants[pair] = resultants.get(pair, np.zeros(3)) + force * along
         return resultants, 0.0
 

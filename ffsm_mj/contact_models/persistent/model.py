@@ -25,7 +25,7 @@ from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact.broad_phase import BroadPhase
 from ffsm_mj.contact.joint_limit import JointLimit
-from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
+from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint, by_kind
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.columns import DeepestOverlap, FrictionHeat
 from ffsm_mj.contact_models.impact.friction.result import tangents
@@ -45,7 +45,6 @@ from ffsm_mj.contact_models.persistent.changes import (
     PAIR_KINDS,
     ChangeRecords,
     ContactChanges,
-    by_kind,
     listed_pairs,
     name_of,
 )

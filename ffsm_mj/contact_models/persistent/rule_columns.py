@@ -9,9 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ffsm_mj._core.rows import PointRows
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
-from ffsm_mj.contact_models.persistent.contact_points import ContactPoint, PointRows
+from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.records.signals import Signal, identifier
 
 
