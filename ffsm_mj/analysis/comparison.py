@@ -118,7 +118,7 @@ def compare_logs(a: RunLog, b: RunLog) -> Comparison:
     of_a, of_b = rows_a[of_a], rows_b[of_b]
     both = [key for key in layouts[0].keys if key in layouts[1].index and key != TIME]
     return Comparison(
-        scenario=tuple(_differences(scenario_data(a), scenario_data(b))),
+        scenario=tuple(changed_leaves(scenario_data(a), scenario_data(b))),
         models=tuple(sorted(_different_files(a, b))),
         impacts=tuple(ImpactDifference(x, y) for x, y in zip_longest(a.impacts, b.impacts)),
         records=tuple(_records(a, b)),
@@ -176,13 +176,13 @@ def _different_files(a: RunLog, b: RunLog) -> set[str]:
     return {BEFORE if name.startswith(f"{BEFORE}/") else name for name in names}
 
 
-def _differences(a: Any, b: Any, key: str = "") -> Iterator[tuple[str, Any, Any]]:
+def changed_leaves(a: Any, b: Any, key: str = "") -> Iterator[tuple[str, Any, Any]]:
     """Leaves in which two trees of plain data differ, in the order of the first."""
     if isinstance(a, dict) and isinstance(b, dict):
         for name in dict.fromkeys((*a, *b)):
-            yield from _differences(a.get(name), b.get(name), f"{key}.{name}" if key else str(name))
+            yield from changed_leaves(a.get(name), b.get(name), f"{key}.{name}" if key else str(name))
     elif isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
         for i, (x, y) in enumerate(zip(a, b, strict=True)):
-            yield from _differences(x, y, f"{key}.{i}")
+            yield from changed_leaves(x, y, f"{key}.{i}")
     elif a != b:
         yield key, a, b

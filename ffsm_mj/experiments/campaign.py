@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing, contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -15,20 +16,10 @@ from typing import Any
 from ffsm_mj.assembly.prepare import Scenario
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.experiments.comparison import VariantComparison, compare_variants, refuse_other_samples
-from ffsm_mj.experiments.design import Design
 from ffsm_mj.experiments.driver import FIRST, Driver, StoppingRule
-from ffsm_mj.experiments.executors import choose_workers, importable
+from ffsm_mj.experiments.executors import Workers, choose_workers, importable
 from ffsm_mj.experiments.file import CampaignFile
-from ffsm_mj.experiments.folder import (
-    CAMPAIGN,
-    VARIANTS,
-    CampaignFolder,
-    Record,
-    campaign_settings,
-    row_versions,
-    settings_changes,
-    settings_hash,
-)
+from ffsm_mj.experiments.folder import CAMPAIGN, VARIANTS, CampaignFolder, Record
 from ffsm_mj.experiments.metrics import (
     FileMetric,
     Metrics,
@@ -45,15 +36,16 @@ from ffsm_mj.experiments.results import (
     TableRow,
     VariantResults,
     as_arrow,
-    column_of,
     finite,
+    logs_to_keep,
     numbers,
-    runs_to_keep,
+    results_of,
     status_of,
     status_of_variants,
     table_rows,
 )
 from ffsm_mj.experiments.sentences import sentences_of
+from ffsm_mj.experiments.settings import campaign_settings, row_versions, settings_changes, settings_hash
 from ffsm_mj.experiments.statistics import Proportion, Quantile, quantile
 from ffsm_mj.experiments.store import RunRow, Store
 from ffsm_mj.experiments.worker import Job, Rerun, rerun
@@ -66,8 +58,7 @@ _NONE: Mapping[str, Any] = MappingProxyType({})
 class Campaign:
     """Many runs of one scenario with dispersed parameters, and the table of their results.
 
-    The folder has the whole state: every method reads its present content. With variants, each is a campaign of its own in a
-    folder below, and what is read of single runs is read from ``variants[NAME]``.
+    The folder has the whole state: every method reads its present content.
 
     Attributes:
         config: The campaign file.
@@ -77,18 +68,18 @@ class Campaign:
         not_applicable: Why the control laws of the other variants cannot be created for their scenarios, by name.
     """
 
-    def __init__(self, plan: Plan, design: Design, folder: CampaignFolder, classes: ScriptClasses) -> None:
-        """Store the parts; use :meth:`load` or :meth:`open`."""
-        self.config: CampaignFile = plan.config
-        self.design, self.folder = design, folder
-        self.variants: Mapping[str, Campaign] = {}
-        self.not_applicable: Mapping[str, str] = {}
-        self._plan, self._classes = plan, classes
-        self._settings = campaign_settings(plan, classes)
+    variants: Mapping[str, Campaign] = MappingProxyType({})
+    not_applicable: Mapping[str, str] = MappingProxyType({})
 
-    @classmethod
+    def __init__(self, plan: Plan, folder: CampaignFolder) -> None:
+        """Read the design in the folder; use :meth:`load` or :meth:`open`."""
+        self.config: CampaignFile = plan.config
+        self.folder, self.design = folder, folder.design()
+        self._plan, self._classes = plan, plan.classes
+        self._settings = campaign_settings(plan)
+
+    @staticmethod
     def load(
-        cls,
         campaign: Mapping[str, Any] | str | Path,
         out: str | Path,
         *,
@@ -110,15 +101,14 @@ class Campaign:
 
         Raises:
             InputError: The file is invalid, or the folder holds a campaign with other settings.
-            LogWriteError: The folder cannot be written (full disk).
+            OutputLostError: The folder cannot be written (full disk).
         """
-        classes = script_classes(
-            campaign.get("scenario") if isinstance(campaign, Mapping) else None, controllers, estimators
-        )
-        return cls.begin(load_campaign(campaign, overrides, replace(classes, metrics=functions_of(metrics))), Path(out))
+        scenario = campaign.get("scenario") if isinstance(campaign, Mapping) else None
+        classes = replace(script_classes(scenario, controllers, estimators), metrics=functions_of(metrics))
+        return Campaign.begin(load_campaign(campaign, overrides, classes), Path(out))
 
-    @classmethod
-    def begin(cls, plan: Plan | VariantsPlan, out: Path) -> Campaign:
+    @staticmethod
+    def begin(plan: Plan | VariantsPlan, out: Path) -> Campaign:
         """Create or continue a campaign from a plan; see :meth:`load`."""
         folder = CampaignFolder(out)
         execute_metrics(plan.classes.metrics)
@@ -127,65 +117,12 @@ class Campaign:
             if folder.is_initialized and folder.has_variants != with_variants:
                 kind = "without" if with_variants else "with"
                 raise InputError(f"{out}: holds a campaign {kind} variants; choose another {option('out')}")
-            return cls._with_variants(plan, folder) if isinstance(plan, VariantsPlan) else cls._began(plan, folder, out)
+            if isinstance(plan, VariantsPlan):
+                return VariantCampaign.of_plan(plan, folder)
+            return Campaign._of_plan(plan, folder, out)
 
-    @classmethod
-    def _began(cls, plan: Plan, folder: CampaignFolder, shown: Path) -> Campaign:
-        """The campaign of a plan in its folder; ``shown`` is the folder in messages, for a variant that of the whole."""
-        if not folder.is_initialized:
-            design = plan.design()
-            config, files = plan.config.model_dump(mode="json", exclude_none=True), plan.base.logged_files
-            folder.write(config, plan.base.scenario_yaml, files, design, *_recorded(plan.classes, {}))
-        campaign = cls(stored_plan(folder.path / CAMPAIGN, plan.classes), folder.design(), folder, plan.classes)
-        campaign._adopt(plan, shown)
-        return campaign
-
-    @classmethod
-    def _with_variants(cls, plan: VariantsPlan, folder: CampaignFolder) -> Campaign:
-        """The campaign of a plan in its locked folder; one that adds variants to those of the folder continues it.
-
-        Raises:
-            InputError: The folder holds something else, or a variant that the plan lacks or that has other settings.
-        """
-        if folder.is_initialized:
-            stored = [path.name for path in sorted((folder.path / VARIANTS).iterdir())]
-            known = {*plan.variants, *plan.not_applicable}
-            if missing := [name for name in [*stored, *folder.record().not_applicable] if name not in known]:
-                text = f"holds the variants {', '.join(missing)}, which the campaign file does not have"
-                raise InputError(f"{folder.path}: {text}")
-        else:
-            folder.refuse_other_files()
-        first: Campaign | None = None
-        for name, variant in plan.variants.items():
-            with folder.variant(name).locked():
-                begun = cls._began(variant, folder.variant(name), folder.path)
-            first = first or begun
-            if begun.design.rows != first.design.rows:
-                raise InputError(f"{begun.folder.path}: its samples are not those of {first.folder.path}")
-        config = plan.config.model_dump(mode="json", exclude_none=True)
-        folder.write_variants(config, *_recorded(plan.classes, plan.not_applicable))
-        return cls._of_variants(plan.config, folder, plan.classes, plan.not_applicable)
-
-    @classmethod
-    def _of_variants(
-        cls, config: CampaignFile, folder: CampaignFolder, classes: ScriptClasses, not_applicable: Mapping[str, str]
-    ) -> Campaign:
-        """Open the variants in a folder.
-
-        Raises:
-            InputError: There is none, or one of them cannot be read.
-        """
-        variants = {n: cls.stored(folder.variant(n), classes) for n in config.variants if n not in not_applicable}
-        if not variants:
-            raise InputError(f"{folder.path}: none of its variants is applicable")
-        first = next(iter(variants.values()))
-        campaign = cls(first._plan, first.design, folder, classes)
-        campaign.config, campaign.variants, campaign.not_applicable = config, variants, not_applicable
-        return campaign
-
-    @classmethod
+    @staticmethod
     def open(
-        cls,
         out: str | Path,
         *,
         metrics: Metrics = _NONE,
@@ -201,27 +138,36 @@ class Campaign:
         record = folder.record()
         known = {name: functions.get(name, MissingMetric()) for name in record.metrics}
         classes = ScriptClasses(dict(controllers), dict(estimators), known)
-        if folder.has_variants:
-            return cls._of_variants(read_campaign(folder.path / CAMPAIGN), folder, classes, record.not_applicable)
-        return cls.stored(folder, classes)
+        if not folder.has_variants:
+            return Campaign(stored_plan(folder.path / CAMPAIGN, classes), folder)
+        config = read_campaign(folder.path / CAMPAIGN)
+        parts = {name: folder.variant(name) for name in config.variants if name not in record.not_applicable}
+        variants = {name: Campaign(stored_plan(part.path / CAMPAIGN, classes), part) for name, part in parts.items()}
+        return VariantCampaign(config, folder, classes, variants, record.not_applicable)
 
-    @classmethod
-    def stored(cls, folder: CampaignFolder, classes: ScriptClasses) -> Campaign:
-        """Open a campaign without variants with all classes and functions of the caller; see :meth:`open`."""
-        design = folder.design()
-        return cls(stored_plan(folder.path / CAMPAIGN, classes), design, folder, classes)
-
-    def _adopt(self, plan: Plan, shown: Path) -> None:
-        """Replace the campaign file by that of a plan with the same settings: rows do not depend on the other keys.
+    @staticmethod
+    def _of_plan(plan: Plan, folder: CampaignFolder, shown: Path) -> Campaign:
+        """The campaign of a plan in its locked folder; ``shown`` is the folder in messages, for a variant that of the whole.
 
         Raises:
-            InputError: The settings or the number of samples differ.
+            InputError: The folder holds something else, or a campaign with other settings or another number of samples.
         """
-        other = campaign_settings(plan, self._classes)
+        if not folder.is_initialized:
+            folder.refuse_other_files(plan.config)
+            folder.write_runs(plan.base.scenario_yaml, plan.base.logged_files, plan.design())
+            folder.write_record(plan.config, *_recorded(plan.classes))
+        campaign = Campaign(stored_plan(folder.path / CAMPAIGN, plan.classes), folder)
+        campaign._adopt(plan, shown)
+        return campaign
+
+    def _adopt(self, plan: Plan, shown: Path) -> None:
+        """Replace the campaign file by that of a plan with the same settings: rows do not depend on the other keys."""
+        other = campaign_settings(plan)
         with self._table() as store:
             stored = store.settings or self._settings  # classes and functions of a script are known from the rows only
         if other != stored:
-            raise InputError(f"{self.folder.path}: holds a campaign with other settings: {settings_changes(stored, other)}")
+            changes = settings_changes(stored, other)
+            raise InputError(f"{self.folder.path}: holds a campaign with other settings: {changes}")
         if plan.config.samples.n not in (None, self.design.n):
             larger = plan.config.samples.n > self.design.n
             how = "extend(n) enlarges it" if larger else "Campaign.open continues it"
@@ -234,7 +180,7 @@ class Campaign:
     def _rewrite(self, config: CampaignFile) -> None:
         """Replace the campaign file."""
         self.config = config
-        self.folder.write_config(config.model_dump(mode="json", exclude_none=True))
+        self.folder.write_config(config)
 
     @contextmanager
     def _table(self) -> Iterator[Store]:
@@ -243,9 +189,6 @@ class Campaign:
         Raises:
             InputError: The table cannot be read, or has rows that do not belong to the design.
         """
-        if self.variants:
-            names = ", ".join(self.variants)
-            raise InputError(f"{self.folder.path}: has variants; name one: campaign.variants[NAME], NAME of {names}")
         exists = self.folder.table.is_file()
         with closing(Store(self.folder.table, write=False) if exists else Store(":memory:")) as store:
             if store.last() >= len(self.design.rows):  # another process has extended the design
@@ -260,9 +203,7 @@ class Campaign:
             return store.rows()
 
     def table_rows(self) -> list[TableRow]:
-        """A dictionary per run, with the name of its variant first; see :func:`ffsm_mj.experiments.results.table_rows`."""
-        if self.variants:
-            return [{"variant": name, **row} for name, part in self.variants.items() for row in part.table_rows()]
+        """A dictionary per run; see :func:`ffsm_mj.experiments.results.table_rows`."""
         return table_rows(self.rows(), self.design, self.config.conditions)
 
     def table(self) -> Any:
@@ -271,19 +212,12 @@ class Campaign:
 
     def status(self) -> Status:
         """Progress of the campaign and of each variant."""
-        if self.variants:
-            return status_of_variants(
-                self.config.campaign, {name: variant.status() for name, variant in self.variants.items()}
-            )
         with self._table() as store:
             return status_of(store, self.config.campaign, len(self.design.rows))
 
     def results(self) -> Results:
         """All rows so far with the names of their columns, for report and statistics."""
-        rows, design, config = self.table_rows(), self.design, self.config
-        parameters = tuple(column_of(name, "parameter", rows) for name in design.parameters)
-        metrics = tuple(column_of(name, "metric", rows) for name in config.all_metrics)
-        return Results(design.kind, design.n, len(design.rows), parameters, metrics, rows)
+        return results_of(self.rows(), self.design, self.config)
 
     def variant_results(self) -> VariantResults:
         """All rows so far, by variant; of a campaign without, those of the empty name."""
@@ -325,20 +259,6 @@ class Campaign:
         """What the results show so far: success, means and quantiles of metrics; of variants, their differences."""
         return self.comparison().lines() if self.variants else sentences_of(self.results(), self.config.conditions)
 
-    @contextmanager
-    def _writable_table(self) -> Iterator[Store]:
-        """The table, opened for writing.
-
-        Raises:
-            InputError: Its rows have other settings.
-        """
-        with closing(Store(self.folder.table)) as store:
-            store.begin(settings_hash(self._settings), self._settings)
-            if store.settings != self._settings:
-                changed = settings_changes(store.settings, self._settings)
-                raise InputError(f"{self.folder.path}: its rows were made with other settings: {changed}")
-            yield store
-
     def run(
         self,
         executor: Executor | None = None,
@@ -372,33 +292,16 @@ class Campaign:
         if local and executor is None and not dask:
             reason = "cannot be imported by other processes: all runs are executed in this one"
             print(f"{self.config.campaign}: {', '.join(local)} {reason}", file=sys.stderr)
+        classes = [class_ for _, class_ in self._classes.every]
+        chosen = choose_workers(executor, workers, dask, classes, self.config.limits.workers)
         with self.folder.locked():
-            return self._run(executor, workers, dask, retry, report)
+            return self._execute(chosen, retry, report)
 
-    def _run(
-        self,
-        executor: Executor | None,
-        workers: int | None,
-        dask: str,
-        retry: Sequence[str],
-        report: Callable[[float, float], None] | None,
-    ) -> Status:
+    def _execute(self, workers: Workers, retry: Sequence[str], report: Callable[[float, float], None] | None) -> Status:
         """Execute the runs of a campaign whose folder is locked; see :meth:`run`."""
-        if self.variants:
-            progress = {name: variant.status() for name, variant in self.variants.items()}
-            total = sum(part.runs for part in progress.values())
-            for name, variant in self.variants.items():
-                others = sum(status.done for other, status in progress.items() if other != name)
-                shown = None if report is None else _of_whole(report, others, total)
-                with variant.folder.locked():
-                    progress[name] = variant._run(executor, workers, dask, retry, shown)
-            return status_of_variants(self.config.campaign, progress)
         with self._writable_table() as store:
-            classes = [class_ for _, class_ in self._classes.every]
-            pool = choose_workers(executor, workers, dask, classes, self.config.limits.workers)
             self.design = self.folder.design()  # another process may have extended it
-            if retry:
-                store.drop(retry)
+            store.drop(retry)
             done = store.done()
             left = [(i, self.design.overrides(i)) for i in range(len(self.design.rows)) if i not in done]
             total, finished = len(self.design.rows), len(done)
@@ -413,8 +316,23 @@ class Campaign:
                     report(finished, total)
 
             if not stopping.ends():
-                Driver(pool, self._job(exclusive=pool.exclusive_processes), store_rows, stopping.ends).drive(left)
-        return replace(self.status(), stopped=stopping.failing if self.status().left else "", enough=stopping.enough)
+                Driver(workers, self._job(exclusive=workers.exclusive_processes), store_rows, stopping.ends).drive(left)
+        status = self.status()
+        return replace(status, stopped=stopping.failing if status.left else "", enough=stopping.enough)
+
+    @contextmanager
+    def _writable_table(self) -> Iterator[Store]:
+        """The table, opened for writing.
+
+        Raises:
+            InputError: Its rows have other settings.
+        """
+        with closing(Store(self.folder.table)) as store:
+            store.begin(self._settings)
+            if store.settings != self._settings:
+                changes = settings_changes(store.settings, self._settings)
+                raise InputError(f"{self.folder.path}: its rows were made with other settings: {changes}")
+            yield store
 
     def _load_metrics(self) -> None:
         """Execute the file of the metrics of the caller, without which nothing is run.
@@ -452,17 +370,12 @@ class Campaign:
             InputError: Samples of this kind cannot be extended, or not to this number.
         """
         with self.folder.locked():
-            for variant in self.variants.values():
-                if variant.design.n != n:  # an earlier call that was interrupted has extended it
-                    variant.extend(n)
-            config = self.config.model_copy(update={"samples": self.config.samples.model_copy(update={"n": n})})
-            if not self.variants:
-                self.design = self._plan.extended(self.folder.design(), n)
-                self.folder.write_design(self.design)
-                self._rewrite(config)
-                return
-            self.config, keys = config, config.model_dump(mode="json", exclude_none=True)
-            self.folder.write_variants(keys, *_recorded(self._classes, self.not_applicable, self.folder.record()))
+            self._extend(n)
+            self._rewrite(self.config.with_samples(n))
+
+    def _extend(self, n: int) -> None:
+        self.design = self._plan.extended(self.folder.design(), n)
+        self.folder.write_design(self.design)
 
     def rerun(self, index: int, variant: str = "") -> Rerun:
         """Repeat a run and write its log into the folder of the campaign.
@@ -474,13 +387,9 @@ class Campaign:
         Raises:
             InputError: There is no such run, or it cannot be prepared.
         """
-        if variant and not self.variants:
-            raise InputError(f"{self.folder.path}: has no variants, {variant!r} is none")
-        if variant not in (self.variants or [""]):
-            raise InputError(f"{self.folder.path}: {unknown_name('variant', variant, self.variants)}")
-        self._load_metrics()
         if variant:
-            return self.variants[variant].rerun(index)
+            raise InputError(f"{self.folder.path}: has no variants, {variant!r} is none")
+        self._load_metrics()
         if not 0 <= index < len(self.design.rows):
             raise InputError(f"run {index}: the design has the runs 0 to {len(self.design.rows) - 1}")
         with self._table() as store:
@@ -492,19 +401,106 @@ class Campaign:
 
     def logs_to_keep(self) -> list[int]:
         """Indices of the runs whose logs the campaign file asks for."""
-        return runs_to_keep(self.rows(), self.config.keep)
+        return logs_to_keep(self.rows(), self.config.keep)
 
 
-def _recorded(classes: ScriptClasses, not_applicable: Mapping[str, str], before: Record | None = None) -> tuple[Record, str]:
-    """Record of a campaign, and the text of its metrics file; empty if it has none or keeps the one before."""
-    files = [metric for metric in classes.metrics.values() if isinstance(metric, FileMetric)]
-    file = files[0].file if files else before.metrics_file if before is not None else ""
-    return Record(not_applicable, tuple(classes.metrics), file), files[0].text if files else ""
+class VariantCampaign(Campaign):
+    """A campaign whose variants run with the same samples, each as a campaign of its own in a folder below.
+
+    What is read of single runs is read from ``variants[NAME]``.
+    """
+
+    def __init__(
+        self,
+        config: CampaignFile,
+        folder: CampaignFolder,
+        classes: ScriptClasses,
+        variants: Mapping[str, Campaign],
+        not_applicable: Mapping[str, str],
+    ) -> None:
+        """Store the parts; use :meth:`load` or :meth:`open`.
+
+        Raises:
+            InputError: There is no variant.
+        """
+        if not variants:
+            raise InputError(f"{folder.path}: none of its variants is applicable")
+        self.config, self.folder, self.design = config, folder, next(iter(variants.values())).design
+        self.variants, self.not_applicable, self._classes = variants, not_applicable, classes
+
+    @classmethod
+    def of_plan(cls, plan: VariantsPlan, folder: CampaignFolder) -> VariantCampaign:
+        """The campaign of a plan in its locked folder; one that adds variants to those of the folder continues it.
+
+        Raises:
+            InputError: The folder holds something else, or a variant that the plan lacks or that has other settings.
+        """
+        if folder.is_initialized:
+            stored = [path.name for path in sorted((folder.path / VARIANTS).iterdir())]
+            known = {*plan.variants, *plan.not_applicable}
+            if missing := [name for name in [*stored, *folder.record().not_applicable] if name not in known]:
+                text = f"holds the variants {', '.join(missing)}, which the campaign file does not have"
+                raise InputError(f"{folder.path}: {text}")
+        else:
+            folder.refuse_other_files(plan.config)
+        variants: dict[str, Campaign] = {}
+        for name, variant in plan.variants.items():
+            with folder.variant(name).locked():
+                variants[name] = begun = Campaign._of_plan(variant, folder.variant(name), folder.path)
+            first = next(iter(variants.values()))
+            if begun.design.rows != first.design.rows:
+                raise InputError(f"{begun.folder.path}: its samples are not those of {first.folder.path}")
+        folder.write_record(plan.config, *_recorded(plan.classes, plan.not_applicable))
+        return cls(plan.config, folder, plan.classes, variants, plan.not_applicable)
+
+    def rows(self) -> list[RunRow]:
+        """Refuse: each variant has rows of its own.
+
+        Raises:
+            InputError: Always.
+        """
+        names = ", ".join(self.variants)
+        raise InputError(f"{self.folder.path}: has variants; name one: campaign.variants[NAME], NAME of {names}")
+
+    def table_rows(self) -> list[TableRow]:
+        """Rows of all variants, with the name of the variant first."""
+        return [{"variant": name, **row} for name, part in self.variants.items() for row in part.table_rows()]
+
+    def status(self) -> Status:
+        """Progress of each variant, and of all."""
+        return status_of_variants(self.config.campaign, {name: part.status() for name, part in self.variants.items()})
+
+    def _execute(self, workers: Workers, retry: Sequence[str], report: Callable[[float, float], None] | None) -> Status:
+        progress = {name: variant.status() for name, variant in self.variants.items()}
+        total = sum(part.runs for part in progress.values())
+        for name, variant in self.variants.items():
+            others = sum(status.done for other, status in progress.items() if other != name)
+            shown = None if report is None else partial(_of_whole, report, others, total)
+            with variant.folder.locked():
+                progress[name] = variant._execute(workers, retry, shown)
+        return status_of_variants(self.config.campaign, progress)
+
+    def _extend(self, n: int) -> None:
+        for variant in self.variants.values():
+            if variant.design.n != n:  # an earlier call that was interrupted has extended it
+                variant.extend(n)
+
+    def rerun(self, index: int, variant: str = "") -> Rerun:
+        """Repeat a run of a variant."""
+        if variant not in self.variants:
+            raise InputError(f"{self.folder.path}: {unknown_name('variant', variant, self.variants)}")
+        return self.variants[variant].rerun(index)
 
 
-def _of_whole(report: Callable[[float, float], None], others: int, total: int) -> Callable[[float, float], None]:
-    """Progress of a variant as progress of the whole campaign."""
-    return lambda done, _: report(others + done, total)
+def _recorded(classes: ScriptClasses, not_applicable: Mapping[str, str] = _NONE) -> tuple[Record, str]:
+    """Record of a campaign, and the text of its metrics file; empty if it has none."""
+    file = next((metric for metric in classes.metrics.values() if isinstance(metric, FileMetric)), FileMetric("", "", ""))
+    return Record(dict(not_applicable), tuple(classes.metrics), file.file), file.text
+
+
+def _of_whole(report: Callable[[float, float], None], others: int, total: int, done: float, _: float) -> None:
+    """Report progress of a variant as progress of the whole campaign."""
+    report(others + done, total)
 
 
 def compare_campaigns(one: Campaign | str | Path, other: Campaign | str | Path) -> VariantComparison:

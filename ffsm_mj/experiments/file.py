@@ -190,6 +190,10 @@ class CampaignFile(StrictModel):
             raise ValueError("should be a list of names, or a mapping with 'file' and 'names'")
         return value
 
+    def with_samples(self, n: int) -> CampaignFile:
+        """The file with another number of samples."""
+        return self.model_copy(update={"samples": self.samples.model_copy(update={"n": n})})
+
     @property
     def conditions(self) -> tuple[Condition, ...]:
         """Conditions for the success of a run; empty if there are none."""

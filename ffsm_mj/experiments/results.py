@@ -86,6 +86,14 @@ class Results:
 _HEAD = ("run", "outcome", "failed", "success", "message", "phase")
 
 
+def results_of(rows: Sequence[RunRow], design: Design, config: CampaignFile) -> Results:
+    """Results of the rows of a campaign."""
+    cells = table_rows(rows, design, config.conditions)
+    parameters = tuple(column_of(name, "parameter", cells) for name in design.parameters)
+    metrics = tuple(column_of(name, "metric", cells) for name in config.all_metrics)
+    return Results(design.kind, design.n, len(design.rows), parameters, metrics, cells)
+
+
 def column_of(name: str, kind: str, rows: Sequence[TableRow]) -> str:
     """Column of a parameter or metric; it has a prefix if another column has its name."""
     qualified = f"{kind}:{name}"
@@ -310,9 +318,9 @@ def status_of(store: Store, name: str, runs: int) -> Status:
         runs: Number of runs of the design.
     """
     outcomes = store.outcomes()
-    failed = store.failures(runs)
+    failed = store.failures()
     messages = tuple(f"run {row.index}: {_why(row)}" for row in failed[:_SHOWN])
-    return Status(name, runs, sum(outcomes.values()), store.failed(runs), outcomes, messages, failing_checks(failed))
+    return Status(name, runs, sum(outcomes.values()), len(failed), outcomes, messages, failing_checks(failed))
 
 
 def status_of_variants(name: str, variants: Mapping[str, Status]) -> Status:
@@ -357,7 +365,7 @@ def _why(row: RunRow) -> str:
     return f"{row.outcome}: {row.message}" if row.message else row.outcome
 
 
-def runs_to_keep(rows: Sequence[RunRow], keep: KeepConfig) -> list[int]:
+def logs_to_keep(rows: Sequence[RunRow], keep: KeepConfig) -> list[int]:
     """Indices of the runs whose logs the campaign file asks for; runs without a result have no log.
 
     Args:

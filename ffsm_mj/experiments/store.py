@@ -1,4 +1,7 @@
-"""Table of a campaign: one SQLite file with one writer; a campaign has no other state."""
+"""Table of a campaign: one SQLite file with one writer; a campaign has no other state.
+
+The file may come from somebody else: what it can do to a reader, and what is refused, follows docs/threat-model.md.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,7 @@ from pydantic import Field, Json, TypeAdapter, ValidationError
 
 from ffsm_mj.config import Cell, Integer, first_fault
 from ffsm_mj.errors import InputError, LogWriteError
+from ffsm_mj.report.output_place import refuse_link
 
 ERROR, TIMEOUT, CRASHED = "error", "timeout", "crashed"
 """An exception was raised; the run exceeded its wall time; its process ended."""
@@ -33,9 +37,7 @@ def refuse_foreign_file(path: Path) -> None:
         InputError: A file is a symbolic link, or the journal names a file to delete.
     """
     for ending in _BESIDE:
-        file = path.with_name(path.name + ending)
-        if file.is_symlink():
-            raise InputError(f"{file}: is a symbolic link; nothing is written through it")
+        refuse_link(path.with_name(path.name + ending))
     journal = path.with_name(f"{path.name}-journal")
     # SQLite file format, "The Rollback Journal": the magic number is at the end only after the name of a super-journal,
     # which belongs to a transaction over several databases. Playing the journal back deletes the file of that name.
@@ -75,15 +77,14 @@ def _schema(db: sqlite3.Connection) -> dict[tuple[str, str, str], None]:
 
 
 _TABLES = """
-CREATE TABLE settings (hash TEXT PRIMARY KEY, content TEXT NOT NULL);
+CREATE TABLE settings (content TEXT NOT NULL);
 CREATE TABLE rows (
-    hash TEXT NOT NULL, i INTEGER NOT NULL, outcome TEXT NOT NULL, message TEXT NOT NULL, phase TEXT NOT NULL,
-    failed INTEGER NOT NULL, metrics TEXT NOT NULL, model TEXT NOT NULL, cpu TEXT NOT NULL,
-    wall_s REAL NOT NULL, cpu_s REAL NOT NULL,
-    PRIMARY KEY (hash, i)
-) WITHOUT ROWID;
+    i INTEGER PRIMARY KEY, outcome TEXT NOT NULL, message TEXT NOT NULL, phase TEXT NOT NULL, failed INTEGER NOT NULL,
+    metrics TEXT NOT NULL, model TEXT NOT NULL, cpu TEXT NOT NULL, wall_s REAL NOT NULL, cpu_s REAL NOT NULL
+);
 """
-_FORMAT = 1
+_FORMAT = 2
+"""Version of the tables, SQLite's ``user_version``: 1 kept a hash of the settings with every row."""
 
 
 @dataclass(frozen=True)
@@ -123,8 +124,7 @@ class Store:
     """The SQLite file. Numbers are read as they were written, bit for bit: JSON has all digits of a double.
 
     Attributes:
-        digest: Hash of the settings of its rows; empty before :meth:`begin`.
-        settings: These settings.
+        settings: The settings of its rows; empty before :meth:`begin`.
     """
 
     def __init__(self, path: Path | str, *, write: bool = True, max_pages: int | None = None) -> None:
@@ -154,11 +154,11 @@ class Store:
                     with self._writing():
                         self._create(max_pages)
                 self._refuse_foreign()
-                stored = self._db.execute("SELECT hash, content FROM settings").fetchone()
+                stored = self._db.execute("SELECT content FROM settings").fetchone()
         except BaseException:
             self._db.close()
             raise
-        self.digest, self.settings = (str(stored[0]), str(stored[1])) if stored else ("", "")
+        self.settings = str(stored[0]) if stored else ""
 
     def _refuse_foreign(self) -> None:
         stored = self._db.execute("PRAGMA user_version").fetchone()[0]
@@ -193,16 +193,16 @@ class Store:
         except (sqlite3.Error, ValueError, OverflowError, RecursionError) as error:
             raise InputError(f"{self.path}: is not a table of a campaign ({error})") from error
 
-    def begin(self, digest: str, settings: str) -> None:
-        """Write the settings and their hash if the file has none yet.
+    def begin(self, settings: str) -> None:
+        """Write the settings if the file has none yet.
 
         Raises:
             LogWriteError: The disk is full.
         """
-        if not self.digest:
+        if not self.settings:
             with self._writing(), self._db:
-                self._db.execute("INSERT INTO settings VALUES (?, ?)", (digest, settings))
-            self.digest, self.settings = digest, settings
+                self._db.execute("INSERT INTO settings VALUES (?)", (settings,))
+            self.settings = settings
 
     def add(self, rows: Iterable[RunRow]) -> None:
         """Add rows; existing rows of the same runs are kept.
@@ -211,61 +211,46 @@ class Store:
             LogWriteError: The disk is full.
         """
         with self._writing(), self._db:
-            self._db.executemany(
-                "INSERT OR IGNORE INTO rows VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
-                [_values(self.digest, row) for row in rows],
-            )
+            self._db.executemany("INSERT OR IGNORE INTO rows VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", map(_values, rows))
 
-    def drop(self, outcomes: Sequence[str]) -> int:
-        """Delete rows with these outcomes, so that their runs are repeated; returns their number."""
-        marks = ", ".join("?" * len(outcomes))
+    def drop(self, outcomes: Sequence[str]) -> None:
+        """Delete rows with these outcomes, so that their runs are repeated."""
         with self._writing(), self._db:
-            done = self._db.execute(f"DELETE FROM rows WHERE hash = ? AND outcome IN ({marks})", (self.digest, *outcomes))
-        return done.rowcount
+            self._db.executemany("DELETE FROM rows WHERE outcome = ?", [(outcome,) for outcome in outcomes])
 
     def done(self) -> set[int]:
         """Indices of the runs that have a row."""
-        with self._reading():
-            return {int(i) for (i,) in self._db.execute("SELECT i FROM rows WHERE hash = ?", (self.digest,))}
+        return {int(i) for (i,) in self._fetched("SELECT i FROM rows")}
 
     def last(self) -> int:
         """Largest index of a run that has a row; -1 if there is none."""
-        with self._reading():
-            largest = self._db.execute("SELECT max(i) FROM rows WHERE hash = ?", (self.digest,)).fetchone()[0]
-            return -1 if largest is None else int(largest)
+        return int(self._fetched("SELECT coalesce(max(i), -1) FROM rows")[0][0])
 
     def failed(self, first: int) -> int:
         """Number of failed runs among the first runs of the design."""
-        with self._reading():
-            count = self._db.execute("SELECT count(*) FROM rows WHERE hash = ? AND i < ? AND failed", (self.digest, first))
-            return int(count.fetchone()[0])
+        return int(self._fetched("SELECT count(*) FROM rows WHERE i < ? AND failed", first)[0][0])
 
     def outcomes(self) -> dict[str, int]:
         """Number of rows by outcome, the most frequent first."""
-        with self._reading():
-            counts = self._db.execute(
-                "SELECT outcome, count(*) n FROM rows WHERE hash = ? GROUP BY outcome ORDER BY n DESC, outcome",
-                (self.digest,),
-            )
-            return {str(outcome): int(count) for outcome, count in counts}
+        counts = self._fetched("SELECT outcome, count(*) n FROM rows GROUP BY outcome ORDER BY n DESC, outcome")
+        return {str(outcome): int(count) for outcome, count in counts}
 
-    def failures(self, most: int) -> list[RunRow]:
-        """Rows of the first failed runs."""
-        return self._rows("hash = ? AND failed ORDER BY i LIMIT ?", self.digest, most)
+    def failures(self) -> list[RunRow]:
+        """Rows of the failed runs."""
+        return self.rows("failed")
 
-    def rows(self) -> list[RunRow]:
-        """All rows in the order of their indices."""
-        return self._rows("hash = ? ORDER BY i", self.digest)
+    def rows(self, which: str = "1") -> list[RunRow]:
+        """Rows that meet an SQL condition, all without one, in the order of their indices."""
+        columns = "i, outcome, message, phase, metrics, model, cpu, wall_s, cpu_s"
+        return [self._row(row) for row in self._fetched(f"SELECT {columns} FROM rows WHERE {which} ORDER BY i")]
 
     def row(self, index: int) -> RunRow | None:
         """Row of a run; None if it has none."""
-        return next(iter(self._rows("hash = ? AND i = ?", self.digest, index)), None)
+        return next(iter(self.rows(f"i = {index:d}")), None)
 
-    def _rows(self, which: str, *values: Any) -> list[RunRow]:
-        columns = "i, outcome, message, phase, metrics, model, cpu, wall_s, cpu_s"
+    def _fetched(self, query: str, *values: int) -> list[Any]:
         with self._reading():
-            fetched = self._db.execute(f"SELECT {columns} FROM rows WHERE {which}", values).fetchall()
-        return [self._row(row) for row in fetched]
+            return self._db.execute(query, values).fetchall()
 
     def _row(self, columns: tuple[Any, ...]) -> RunRow:
         """A row of unknown origin.
@@ -288,6 +273,6 @@ _Number = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 _COLUMNS = TypeAdapter(tuple[Integer, str, str, str, _Mapping, _Mapping, str, _Number, _Number])
 
 
-def _values(digest: str, row: RunRow) -> tuple[Any, ...]:
-    result = row.outcome, row.message, row.phase, int(row.failed)
-    return (digest, row.index, *result, json.dumps(row.metrics), json.dumps(row.model), row.cpu, row.wall_s, row.cpu_s)
+def _values(row: RunRow) -> tuple[Any, ...]:
+    result = row.index, row.outcome, row.message, row.phase, int(row.failed)
+    return (*result, json.dumps(row.metrics), json.dumps(row.model), row.cpu, row.wall_s, row.cpu_s)

@@ -6,7 +6,7 @@ import faulthandler
 import os
 import platform
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from pathlib import Path
@@ -18,13 +18,13 @@ from ffsm_mj.assembly.models import Reader
 from ffsm_mj.assembly.prepare import PreparedRun, as_overrides, recipe, uninterrupted
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.errors import FfsmError, InputError, described, raised_at
-from ffsm_mj.experiments.folder import row_versions
 from ffsm_mj.experiments.metrics import COUNT, Scalar, ScriptClasses, check_metrics, columns_of, metric_values
+from ffsm_mj.experiments.settings import row_versions
 from ffsm_mj.experiments.store import ERROR, TIMEOUT, RunRow
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.model.files import read_model
 from ffsm_mj.records.events import Outcome
-from ffsm_mj.records.metadata import logged_models
+from ffsm_mj.records.metadata import logged_properties
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.replay import explain
 from ffsm_mj.replay.truncation import AnalysisLimits, usual_steps
@@ -144,7 +144,7 @@ def _run(job: Job, index: int, overrides: Mapping[str, Any], started: float) -> 
         "message": run.message,
         "phase": run.phases[-1].name if run.phases else "",
         "metrics": metrics,
-        "model": dict(_by_dotted_key(logged_models(run.log.header.metadata))),
+        "model": logged_properties(run.log.header.metadata),
     }
 
 
@@ -167,14 +167,6 @@ def checks_with_verdict(run: Run, log: Callable[[], RunLog], look: Callable[[], 
         return False
 
     return explain(run, checks, limits=AnalysisLimits(steps=usual_steps(run.log), stopped=stopped), log=log).checks
-
-
-def _by_dotted_key(nested: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
-    for key, value in nested.items():
-        if isinstance(value, Mapping):
-            yield from _by_dotted_key(value, f"{above}{key}.")
-        else:
-            yield above + key, value
 
 
 class _StuckRunGuard:

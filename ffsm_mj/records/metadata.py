@@ -190,17 +190,22 @@ def logged_models(metadata: Mapping[str, str]) -> dict[str, Any]:
     return {key: json.loads(metadata[key]) for key in _MODELS if key in metadata}
 
 
+def logged_properties(metadata: Mapping[str, str]) -> dict[str, Value]:
+    """The properties in the metadata by dotted key, e.g. ``model.box.lid.mass_kg``."""
+    return dict(_leaves(logged_models(metadata)))
+
+
 def changed_property_lines(metadata: Mapping[str, str]) -> list[str]:
     """One line of text per property, e.g. ``model.box.lid.mass_kg = 7``."""
-    return [f"{one_line('.'.join(path))} = {value_text(value)}" for path, value in _leaves(logged_models(metadata))]
+    return [f"{one_line(key)} = {value_text(value)}" for key, value in logged_properties(metadata).items()]
 
 
-def _leaves(node: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Value]]:
+def _leaves(node: Any, key: str = "") -> Iterator[tuple[str, Value]]:
     if isinstance(node, dict):
-        for key, value in node.items():
-            yield from _leaves(value, (*path, key))
+        for name, value in node.items():
+            yield from _leaves(value, f"{key}.{name}" if key else name)
     else:
-        yield path, node
+        yield key, node
 
 
 def fault_of_version(metadata: Mapping[str, str]) -> str:

@@ -7,6 +7,7 @@ stays intact until then, and a symbolic link of that name is replaced, never fol
 from __future__ import annotations
 
 import os
+import re
 import stat
 import tempfile
 from collections.abc import Iterator
@@ -17,6 +18,8 @@ from secrets import token_hex
 from ffsm_mj.errors import InputError, OutputLostError
 
 _LONGEST_SUFFIX = 8
+UNFINISHED = re.compile(r"\.[0-9a-f]{16}(\.\w+)?")
+"""Names of files that a process that was killed has not completed; see :func:`new_file`."""
 
 
 def usable_folder(path: Path) -> None:

@@ -22,6 +22,7 @@ from ffsm_mj.experiments.driver import Driver, NoWorkersLeftError
 from ffsm_mj.experiments.executors import WorkerLostError, Workers, loop
 from ffsm_mj.experiments.store import RunRow
 from ffsm_mj.experiments.worker import Job, probe
+from ffsm_mj.report.output_place import new_file
 from tests.experiments.files import campaign_file, rock_hits, two_rocks
 from tests.experiments.laws import Fuse
 
@@ -229,8 +230,9 @@ def test_a_campaign_file_in_the_way_is_kept(tmp_path: Path) -> None:
 def test_what_a_killed_process_left_is_not_in_the_way(tmp_path: Path) -> None:
     path, out = rock_hits(tmp_path), tmp_path / "out"
     out.mkdir()
-    (out / ".design.json-77").write_text("{")
-    assert Campaign.load(path, out).status().done == 0
+    with new_file(out / "design.json") as unfinished:
+        unfinished.write_text("{")
+        assert Campaign.load(path, out).status().done == 0
 
 
 def test_the_status_tells_failing_checks_by_name_and_size(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

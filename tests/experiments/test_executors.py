@@ -330,7 +330,7 @@ def test_a_second_driver_is_refused(tmp_path: Path) -> None:
 
 def test_a_full_disk_keeps_what_is_there(tmp_path: Path) -> None:
     store = Store(tmp_path / "rows.sqlite", max_pages=12)
-    store.begin("h", "{}")
+    store.begin("{}")
     kept = 0
     with suppress(LogWriteError):
         while True:

@@ -10,7 +10,9 @@ of their scale before the first event and 1e-9 after it, the same exit codes of 
 from __future__ import annotations
 
 import argparse
+import json
 import os
+import sqlite3
 import subprocess
 import sys
 import tempfile
@@ -25,7 +27,6 @@ import numpy as np
 
 import ffsm_mj
 from ffsm_mj.errors import FfsmError
-from ffsm_mj.experiments.store import RunRow, Store
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.scenario.shipped import scenario_names
 from ffsm_mj.verification.agreement import Agreement, is_text, numbers_of
@@ -154,17 +155,18 @@ def campaign_differences(before: Path, now: Path) -> list[str]:
     if len(old) != len(new):
         return [f"{len(old)} rows, now {len(new)}"]
     told = []
-    for i, (a, b) in enumerate(zip(old, new, strict=True)):
-        wrong = [name for name in {*a.metrics} & {*b.metrics} if not _same(a.metrics[name], b.metrics[name], name)]
-        if a.outcome != b.outcome or wrong:
-            told.append(f"run {i}: {a.outcome}, now {b.outcome}; {', '.join(sorted(wrong))}")
+    for i, ((was, a), (outcome, b)) in enumerate(zip(old, new, strict=True)):
+        wrong = [name for name in {*a} & {*b} if not _same(a[name], b[name], name)]
+        if was != outcome or wrong:
+            told.append(f"run {i}: {was}, now {outcome}; {', '.join(sorted(wrong))}")
     return told
 
 
-def rows_of(folder: Path) -> list[RunRow]:
-    """Rows of a campaign folder, whatever its settings."""
-    with closing(Store(folder / "rows.sqlite", write=False)) as store:
-        return store.rows()
+def rows_of(folder: Path) -> list[tuple[str, dict[str, Any]]]:
+    """Outcome and metrics of the rows of a campaign folder, of any version of its table."""
+    with closing(sqlite3.connect(folder / "rows.sqlite")) as table:
+        rows = table.execute("SELECT outcome, metrics FROM rows ORDER BY i").fetchall()
+    return [(outcome, json.loads(metrics)) for outcome, metrics in rows]
 
 
 def _same(old: Any, new: Any, name: str) -> bool:

@@ -130,9 +130,7 @@ _STATEMENTS = (
     "DELETE FROM rows",
     "DELETE FROM settings",
     "UPDATE settings SET content = ?",
-    "UPDATE settings SET hash = ?",
-    "UPDATE rows SET hash = ?",
-    "INSERT INTO settings VALUES ('x', ?)",
+    "INSERT INTO settings VALUES (?)",
     "ALTER TABLE rows RENAME TO r",
 )
 
