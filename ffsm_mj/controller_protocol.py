@@ -81,6 +81,7 @@ __all__ = [
     "Estimator",
     "ExternalCommand",
     "Fault",
+    "FieldForces",
     "FileName",
     "Finishes",
     "FloatArray",
@@ -199,7 +200,8 @@ class ControllerContext:
         recorded: Tables of the files that the configuration of the law names, by their keys in it (``FileName``).
         grasped: Of an estimator: the systems with a grasped object by the name of the grasp, as control laws know them.
         external_field: External fields in that model: ``add_to(data, force)`` adds their generalised forces at the state
-            in ``data``, (nv,); None: there are none.
+            in ``data``, (nv,), and ``predict`` takes them; None: there are none.
+        grasped_fields: Of an estimator: the same with a grasped object, by the name of the grasp; empty: there are none.
         orbit: Orbit of the origin of the world axes; None: there is none.
     """
 
@@ -212,6 +214,7 @@ class ControllerContext:
     recorded: Mapping[str, RecordedTable] = field(default_factory=dict)
     grasped: Mapping[str, System] = field(default_factory=dict)
     external_field: FieldForces | None = None
+    grasped_fields: Mapping[str, FieldForces] = field(default_factory=dict)
     orbit: Orbit | None = None
 
     def lvlh_axes(self, frame: str) -> LvlhAxes | None:

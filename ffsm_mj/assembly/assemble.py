@@ -36,7 +36,6 @@ from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Row
 from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.scenario.source import YamlSource
-from ffsm_mj.simulation.fields import ExternalFields
 from ffsm_mj.simulation.plant import Plant
 from ffsm_mj.simulation.progress import Start
 
@@ -192,9 +191,7 @@ def _assembled(compiled: CompiledScenario) -> Assembly:
     grasped = {name: context for name, context in contexts.items() if name}
     phases = build_phases(scenario, contexts[""], compiled.laws, grasped, compiled.recorded)
     controller_model = ControllerModel(controller_system, data, system) if controller_system is not None else None
-    controller = _phase_machine(
-        scenario, phases, contexts[""], controller_model, plant, grasped_systems, compiled.estimators
-    )
+    controller = _phase_machine(scenario, phases, contexts, controller_model, plant, grasped_systems, compiled.estimators)
     controller_data = data if controller_model is None else controller_model.data
     refuse_start(phases[0], scenario.phases[0], controller_data)
     columns = [*plant.columns, *controller.columns]
@@ -209,7 +206,7 @@ def _assembled(compiled: CompiledScenario) -> Assembly:
 def _phase_machine(
     scenario: ScenarioConfig,
     phases: Sequence[Phase],
-    context: ControllerContext,
+    contexts: Mapping[str, ControllerContext],
     controller_model: ControllerModel | None,
     plant: Plant,
     grasped_systems: Mapping[str, GraspedSystem],
@@ -225,7 +222,9 @@ def _phase_machine(
     if scenario.estimator.kind == "truth":
         return ControllerModelPhaseMachine(phases, controller_model, grasped)
     systems = {name: one.controller_system for name, one in grasped_systems.items() if one.controller_system is not None}
-    estimator = make_estimator(scenario.estimator, replace(context, grasped=systems), estimators)
+    fields = {name: field for name in systems if (field := contexts[name].external_field) is not None}
+    context = replace(contexts[""], grasped=systems, grasped_fields=fields)
+    estimator = make_estimator(scenario.estimator, context, estimators)
     models = {name: (system, grasped[name]) for name, system in systems.items()}
     return EstimatePhaseMachine(phases, estimator, scenario.estimator.kind, context.system, controller_model, models)
 
@@ -255,7 +254,6 @@ def _contexts(
 ) -> dict[str, ControllerContext]:
     """What control laws are made for: in the scene (empty name), and while an object is grasped, by the grasp's name."""
     systems = {"": system} | {name: grasped.controller_system or grasped.system for name, grasped in grasped_systems.items()}
-    fields = next((source for source in plant.integrator.sources if isinstance(source, ExternalFields)), None)
     around = scenario.environment
     return {
         name: ControllerContext(
@@ -264,7 +262,7 @@ def _contexts(
             scenario.control_period_s,
             limits=plant.actuation.envelope,
             sensors=plant.sampler.by_name if plant.sampler is not None else {},
-            external_field=None if fields is None else fields.forces_in(grasped),
+            external_field=plant.fields_in(grasped),
             orbit=None if around is None or around.orbit is None else Orbit.of(around.orbit, around.world_axes),
         )
         for name, grasped in systems.items()

@@ -23,7 +23,7 @@ from ffsm_mj.model.actuators import external_servos, has_servos, thruster_ids
 from ffsm_mj.model.system import System, Tree, has_springs_or_dampers
 from ffsm_mj.tolerances import DAMPER_STEP, MECHANISM_RANK, MODE_STEP
 
-Push = Callable[[Any], None]
+Push = Callable[[Any], object]
 """Adds generalised forces to ``data.qfrc_applied``; positions and velocities in ``data`` are current."""
 
 
@@ -274,13 +274,14 @@ _MOST_STEPS = 200
 """Largest number of sub-steps for rates alone; springs and dampers need theirs, or RK4 is unstable."""
 
 
-def predict(model: Any, data: Any, duration_s: float) -> None:
-    """Integrate the state in ``data`` under its ``ctrl``, without contact forces; derived quantities are not updated.
+def predict(model: Any, data: Any, duration_s: float, field: FieldForces | None = None) -> None:
+    """Integrate state and time in ``data`` under its ``ctrl``, without contact forces; derived quantities are not updated.
 
     Args:
         model: MuJoCo model, with RK4.
         data: Its data.
         duration_s: How far ahead, s; nothing is done unless it is positive.
+        field: External fields, which have the time in ``data``; None: there are none.
     """
     if not duration_s > 0.0:
         return
@@ -290,21 +291,25 @@ def predict(model: Any, data: Any, duration_s: float) -> None:
         mujoco.mj_fwdPosition(model, data)
         mode, decay = JointSprings(model).fastest(model, data)
         steps = max(steps, math.ceil(duration_s * max(mode.rate / MODE_STEP, decay.rate / DAMPER_STEP)))
-    if sources := [equality.source for equality in equalities_of(model)]:
-        _predict_mechanism(model, data, sources, duration_s, steps)
+    sources = [equality.source for equality in equalities_of(model)]
+    if sources or field is not None:
+        _predict_under_forces(model, data, sources, field, duration_s / steps, steps)
         return
     with time_step(model, duration_s / steps):
         for _ in range(steps):
             mujoco.mj_step(model, data)
 
 
-def _predict_mechanism(model: Any, data: Any, sources: Sequence[RowSource], duration_s: float, steps: int) -> None:
-    """The same with equality constraints."""
+def _predict_under_forces(
+    model: Any, data: Any, sources: Sequence[RowSource], field: FieldForces | None, step_s: float, steps: int
+) -> None:
+    """The same with equality constraints or external fields."""
     mujoco.mj_forward(model, data)
     motion = Motion(model, data)
-    loops = motion.loops = ClosedLoops(model, data, sources, rank=MECHANISM_RANK)
-    motion.push_with([], [lambda _: loops.push()])
+    loops = motion.loops = ClosedLoops(model, data, sources, rank=MECHANISM_RANK) if sources else None
+    motion.push_with([] if field is None else [field.push], [] if loops is None else [lambda _: loops.push()])
     for _ in range(steps):
-        loops.choose()
-        motion.step(duration_s / steps)
+        if loops is not None:
+            loops.choose()
+        motion.step(step_s)
     clear_applied_forces(model, data)

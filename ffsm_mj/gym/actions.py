@@ -44,7 +44,10 @@ class TipAction:
         axes = [_AXES[axis] for axis in config.axes]
         systems = {"": system} | {name: grasped.system for name, grasped in assembly.grasped_systems.items()}
         contexts = {
-            name: ControllerContext(one, task_of(scenario, one), scenario.control_period_s) for name, one in systems.items()
+            name: ControllerContext(
+                one, task_of(scenario, one), scenario.control_period_s, external_field=assembly.plant.fields_in(one)
+            )
+            for name, one in systems.items()
         }
         self._tasks = {
             name: TaskModel(context, config.joints, (), site=site, axes=axes, attitude=config.rotation)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 
+from ffsm_mj._core.fields import FieldForces
 from ffsm_mj._core.steppers import WHOLE_STATE
 from ffsm_mj._core.tick import Clock, Sampler
 from ffsm_mj.actuation.actuation import Actuation
@@ -25,6 +26,7 @@ from ffsm_mj.records.contact_forces import Wrench
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.signals import Signal, coordinate_names, rate_names, unit_of
 from ffsm_mj.simulation.control_timing import DelayedControl
+from ffsm_mj.simulation.fields import ExternalFields
 from ffsm_mj.simulation.integrator import EventDrivenIntegrator
 from ffsm_mj.state import entries, fitting
 
@@ -204,6 +206,11 @@ class Plant:
             *self.actuation.columns,
             *sensing,
         ]
+
+    def fields_in(self, system: System) -> FieldForces | None:
+        """External fields in another system with the same bodies, as a control law knows it; None: there are none."""
+        sources = (source for source in self.integrator.sources if isinstance(source, ExternalFields))
+        return next((fields.forces_in(system) for fields in sources), None)
 
     @cached_property
     def after_step(self) -> tuple[Callable[[float], None], ...]:

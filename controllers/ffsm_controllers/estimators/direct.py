@@ -48,7 +48,7 @@ class Direct(Stateful):
         Raises:
             ScenarioFaults: No sensor measures anything of the state.
         """
-        self._model = context.system.mj
+        self._model, self._field = context.system.mj, context.external_field
         self._readings = readings_of(context.system, context.sensors, config.rate_filter_s)
         self._past = mujoco.MjData(self._model)
         used = [context.sensors[reading.sensor] for reading in self._readings]
@@ -64,7 +64,7 @@ class Direct(Stateful):
 
     def update(self, time_s: float, measured: Mapping[str, Measurement], events: Sequence[Any], data: Any) -> None:  # noqa: ARG002
         """See :class:`~ffsm_mj.controller_protocol.Estimator`."""
-        predict(self._model, data, time_s - data.time)
+        predict(self._model, data, time_s - data.time, self._field)
         data.time = time_s
         by_time: dict[float, list[tuple[Reading, Measurement]]] = {}
         for reading in self._readings:
@@ -81,7 +81,7 @@ class Direct(Stateful):
         if sampled_s < now_s:
             past.time, past.qpos[:], past.qvel[:] = self._known_at(sampled_s)
             past.ctrl[:] = data.ctrl
-            predict(self._model, past, sampled_s - past.time)
+            predict(self._model, past, sampled_s - past.time, self._field)
         else:
             past.qpos[:], past.qvel[:] = data.qpos, data.qvel
         past.ctrl[:] = 0.0
@@ -93,7 +93,7 @@ class Direct(Stateful):
                 if reading.order == order:
                     reading.write(sample, past)
         past.time = sampled_s
-        predict(self._model, past, now_s - sampled_s)
+        predict(self._model, past, now_s - sampled_s, self._field)
         for reading, _ in samples:
             data.qpos[reading.qpos], data.qvel[reading.dofs] = past.qpos[reading.qpos], past.qvel[reading.dofs]
 

@@ -70,7 +70,7 @@ class PathLimits:
         times = np.interp(np.arange(samples * (len(path.times) - 1) + 1) / samples, np.arange(len(path.times)), path.times)
         for time_s, step_s in zip(times.tolist(), np.diff(times, append=times[-1]).tolist(), strict=True):
             positions, rates, accelerations = path.at(time_s)
-            scratch.qpos[joints.qpos], scratch.qvel[joints.dofs] = positions, rates
+            scratch.qpos[joints.qpos], scratch.qvel[joints.dofs], scratch.time = positions, rates, data.time + time_s
             model.close(scratch)
             mujoco.mj_fwdVelocity(mj, scratch)
             model.update(scratch)

@@ -62,7 +62,7 @@ class KnownFields:
 
     def acceleration(self, time_s: float, position: Array) -> Array:
         """Acceleration of a free mass at a position, world axes, m/s^2, (3,)."""
-        return self._uniform if self.orbit is None else self._uniform + self.orbit.tide(time_s, position)
+        return np.asarray(self._uniform if self.orbit is None else self._uniform + self.orbit.tide(time_s, position))
 
 
 class Orbit:

@@ -27,6 +27,7 @@ from ffsm_mj.controller_protocol import (
     ControllerContext,
     ControllerError,
     Fault,
+    FieldForces,
     FloatArray,
     Measurement,
     ScenarioFaults,
@@ -102,8 +103,8 @@ class Mekf(Stateful):
         self._estimate = Estimate(self._layout, mujoco.MjData(model), np.zeros((self._layout.size, self._layout.size)))
         shown = [sensors[name] for name in (*self._deviations, *(reading.sensor for reading in self._joints))]
         longest_s = max(configured.delay_s + configured.delay_jitter_s for configured in shown) + context.control_period_s
-        self._grasped, self._closings = self._of_grasps(context.grasped)
-        propagation = Propagation(model, self._layout, config, sensors, self._grasped)
+        self._grasped, self._closings = self._of_grasps(context.grasped, context.grasped_fields)
+        propagation = Propagation(model, self._layout, config, sensors, self._grasped, context.external_field)
         self._history = History(self._estimate, propagation, longest_s, self._apply)
         self._scratch = mujoco.MjData(model)
         self._used_s: dict[str, float] = {}
@@ -149,7 +150,9 @@ class Mekf(Stateful):
         part = self._layout.named(body).error
         return self._estimate.covariance[part, part].copy()
 
-    def _of_grasps(self, systems: Mapping[str, System]) -> tuple[dict[str, GraspedScene], dict[str, GraspClosing]]:
+    def _of_grasps(
+        self, systems: Mapping[str, System], fields: Mapping[str, FieldForces]
+    ) -> tuple[dict[str, GraspedScene], dict[str, GraspClosing]]:
         """Systems with a grasped object, and what the closing of their grasps does to an estimate, by name."""
         scenes, closings = {}, {}
         free, layout, encoders = self._system, self._layout, self._encoders
@@ -157,7 +160,7 @@ class Mekf(Stateful):
             grasp = system.grasp
             if grasp is None or grasp.joint.joints:
                 continue  # the relative motion that such a latch leaves free is not part of the error state
-            scene = scenes[name] = GraspedScene(free, system, layout, encoders)
+            scene = scenes[name] = GraspedScene(free, system, layout, encoders, fields.get(name))
             closings[name] = GraspClosing(free, grasp, scene, layout, encoders, self._config.floor)
         return scenes, closings
 

@@ -12,7 +12,7 @@ from ffsm_controllers.estimators.mekf.estimate import Estimate, symmetric
 from ffsm_controllers.estimators.mekf.frame_motion import frame_motion
 from ffsm_controllers.estimators.mekf.joints import EncoderErrors
 from ffsm_controllers.estimators.mekf.layout import FloatingBody, Layout
-from ffsm_mj.controller_protocol import FloatArray, System, shared_joints, skew
+from ffsm_mj.controller_protocol import FieldForces, FloatArray, System, shared_joints, skew
 
 
 class GraspedScene:
@@ -29,13 +29,16 @@ class GraspedScene:
         carrier: The base of the robot, one of them; None: it does not float.
         object: The grasped object, in the scene without a grasp; None: it has no free joint.
         root: Id of its base in this system.
+        field: External fields in this system; None: there are none.
     """
 
-    def __init__(self, free: System, grasped: System, layout: Layout, encoders: EncoderErrors) -> None:
-        """Bind to the scene and to the system with the grasped object."""
+    def __init__(
+        self, free: System, grasped: System, layout: Layout, encoders: EncoderErrors, field: FieldForces | None = None
+    ) -> None:
+        """Bind to the scene and to the system with the grasped object and its external fields."""
         assert grasped.grasp is not None
         self.model = grasped.copy().mj
-        self.data = mujoco.MjData(self.model)
+        self.data, self.field = mujoco.MjData(self.model), field
         trees = {tree.name: tree for tree in grasped.trees}
         self.bodies = tuple(FloatingBody(trees[body.name], body.first) for body in layout.bodies if body.name in trees)
         self.carrier = next((body for body in self.bodies if body.tree is grasped.robot), None)
@@ -59,13 +62,14 @@ class GraspedScene:
             estimate.grasped.quaternion,
         )
         self.data.qpos[theirs], self.data.qvel[their_rates] = estimate.data.qpos[ours], estimate.data.qvel[our_rates]
-        self.data.ctrl[:] = estimate.data.ctrl
+        self.data.ctrl[:], self.data.time = estimate.data.ctrl, estimate.data.time
         return self.data
 
     def leave(self, estimate: Estimate) -> None:
         """Set an estimate to the state in the data of this system; the object and its errors follow."""
         (ours, theirs), (our_rates, their_rates) = self.shared
         estimate.data.qpos[ours], estimate.data.qvel[our_rates] = self.data.qpos[theirs], self.data.qvel[their_rates]
+        estimate.data.time = self.data.time
         if self.object is None:
             return
         model, data, size = self.model, self.data, estimate.layout.size

@@ -162,7 +162,7 @@ class History(Stateful):
 
     def _return_to(self, knot: Knot) -> None:
         estimate = self._estimate
-        estimate.data.qpos[:], estimate.data.qvel[:] = knot.qpos, knot.qvel
+        estimate.data.qpos[:], estimate.data.qvel[:], estimate.data.time = knot.qpos, knot.qvel, knot.time_s
         estimate.biases, estimate.covariance, estimate.grasped = knot.biases.copy(), knot.covariance, knot.grasped
 
     def _forget(self, time_s: float) -> None:

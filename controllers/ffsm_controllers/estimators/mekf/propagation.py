@@ -13,7 +13,7 @@ from ffsm_controllers.estimators.mekf.config import MekfConfig
 from ffsm_controllers.estimators.mekf.estimate import Estimate, symmetric
 from ffsm_controllers.estimators.mekf.grasped import GraspedScene
 from ffsm_controllers.estimators.mekf.layout import SIZE, FloatingBody, Layout
-from ffsm_mj.controller_protocol import FloatArray, Sensor, predict, skew
+from ffsm_mj.controller_protocol import FieldForces, FloatArray, Sensor, predict, skew
 
 _TURN_RAD = 0.1
 """Largest turn of a body within one step of the covariance, whose relative error is then below 0.1^3 / 12 = 1e-4."""
@@ -28,11 +28,13 @@ class Moving(NamedTuple):
         model: MuJoCo model, of the scene or of that with a grasped object.
         data: Its data, with the estimate.
         bodies: Its floating bodies, with their places in the error state.
+        field: External fields; None: there are none.
     """
 
     model: Any
     data: Any
     bodies: Sequence[FloatingBody]
+    field: FieldForces | None
 
 
 class Propagation:
@@ -55,9 +57,10 @@ class Propagation:
         config: MekfConfig,
         sensors: Mapping[str, Sensor],
         grasped: Mapping[str, GraspedScene],
+        field: FieldForces | None = None,
     ) -> None:
-        """Bind to the model of the scene, and to those with a grasped object by the name of the grasp."""
-        self._model, self._layout, self._grasped = model, layout, grasped
+        """Bind to the model of the scene with its external fields, and to those with a grasped object by its grasp."""
+        self._model, self._layout, self._grasped, self._field = model, layout, grasped, field
         self._cubic, self._square, self._linear = _noise_of_a_step(layout, config, sensors)
 
     def advance(self, estimate: Estimate, duration_s: float, ctrl: FloatArray) -> None:
@@ -66,10 +69,10 @@ class Propagation:
             return
         estimate.data.ctrl[:] = ctrl
         if estimate.grasped is None:
-            self._advance(estimate, Moving(self._model, estimate.data, self._layout.bodies), duration_s)
+            self._advance(estimate, Moving(self._model, estimate.data, self._layout.bodies, self._field), duration_s)
             return
         scene = self._grasped[estimate.grasped.grasp]
-        self._advance(estimate, Moving(scene.model, scene.enter(estimate), scene.bodies), duration_s)
+        self._advance(estimate, Moving(scene.model, scene.enter(estimate), scene.bodies, scene.field), duration_s)
         scene.leave(estimate)
 
     def follow(self, estimate: Estimate) -> None:
@@ -86,9 +89,9 @@ class Propagation:
             self._step(estimate, moving, duration_s / steps)
 
     def _step(self, estimate: Estimate, moving: Moving, h: float) -> None:
-        predict(moving.model, moving.data, 0.5 * h)
+        predict(moving.model, moving.data, 0.5 * h, moving.field)
         dynamics = _dynamics(moving)
-        predict(moving.model, moving.data, 0.5 * h)
+        predict(moving.model, moving.data, 0.5 * h, moving.field)
         transition = np.eye(self._layout.size)
         for body, matrix in zip(moving.bodies, dynamics, strict=True):
             scaled = h * matrix
@@ -100,7 +103,8 @@ class Propagation:
 
 def _dynamics(moving: Moving) -> list[FloatArray]:
     """Matrix of the error dynamics of each body at a state, (12, 12)."""
-    model, data, bodies = moving
+    model, data, bodies, _ = moving
+    # Without fields: like gravity they do not turn with the body, and their gradients, of 1e-6 1/s^2, are left to the noise.
     mujoco.mj_forward(model, data)
     still = data.qacc.copy()
     slopes = _slopes(moving)
@@ -112,7 +116,7 @@ def _slopes(moving: Moving) -> FloatArray:
 
     Trees do not act on each other, so that one component of all bodies is moved at a time.
     """
-    model, data, bodies = moving
+    model, data, bodies, _ = moving
     slopes = np.empty((model.nv, 3))
     for axis in range(3):
         turning = [body.turning.start + axis for body in bodies]
