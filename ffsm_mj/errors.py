@@ -40,10 +40,16 @@ class Fault:
 
 
 class InputError(FfsmError):
-    """Bad input: a scenario, a model, a file or an argument. One line per fault; the CLI exits with 2."""
+    """Bad input: a scenario, a model, a file or an argument. One line per fault; the CLI exits with 2.
 
-    def __init__(self, lines: str | Sequence[str]) -> None:
+    Attributes:
+        lines: The lines.
+        overrides: The override, ``key=value``, of which each line is a fault; empty texts without one.
+    """
+
+    def __init__(self, lines: str | Sequence[str], overrides: Sequence[str] = ()) -> None:
         self.lines: tuple[str, ...] = tuple(map(one_line, (lines,) if isinstance(lines, str) else lines))
+        self.overrides = tuple(overrides) or ("",) * len(self.lines)
         super().__init__("\n".join(self.lines))
 
 

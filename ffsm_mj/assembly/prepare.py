@@ -19,7 +19,7 @@ from ffsm_mj.assembly.models import Reader, compile_scenario
 from ffsm_mj.assembly.origin import Origin, origin_of, refuse_changes, with_initial_state
 from ffsm_mj.assembly.recorded_files import recorded_files, with_waypoints
 from ffsm_mj.assembly.run import simulate
-from ffsm_mj.errors import InputError, one_line, raised_by_plugin
+from ffsm_mj.errors import InputError, raised_by_plugin
 from ffsm_mj.fields.interface import Field as ExternalField
 from ffsm_mj.fields.interface import register_all
 from ffsm_mj.invocation import on_command_line, override
@@ -231,9 +231,9 @@ def _naming(overrides: Sequence[str]) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        shown, start = " ".join(map(override, overrides)), one_line(override(""))
-        others = f" (with {shown})" if overrides else ""
-        raise InputError([line if line.startswith(start) else line + others for line in error.lines]) from error
+        others = f" (with {' '.join(map(override, overrides))})" if overrides else ""
+        lines = [line if text else line + others for line, text in zip(error.lines, error.overrides, strict=True)]
+        raise InputError(lines, error.overrides) from error
 
 
 def scenario_of(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import types
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Union, get_args, get_origin
 
@@ -20,6 +20,7 @@ from ffsm_mj.experiments.distributions import Dispersion, Operation, SampledScal
 from ffsm_mj.invocation import override
 from ffsm_mj.model.properties import joint_friction, property_value
 from ffsm_mj.scenario.source import YamlSource
+from ffsm_mj.yaml import KeyPath
 
 WILDCARD = "*"
 _STATE = {"joints": "qpos", "rates": "qvel"}
@@ -203,9 +204,6 @@ def _default(annotation: Any) -> BaseModel | None:
     return None
 
 
-KeyPath = tuple[str | int, ...]
-
-
 def bind_dispersions(dispersions: Mapping[str, Dispersion], targets: Targets) -> tuple[Binding, ...]:
     """Keys that a campaign sets, each with the operations on its value.
 
@@ -332,18 +330,31 @@ def refuse_wrong_rows(base: PreparedRun, design: Design, source: YamlSource, sca
     Raises:
         InputError: The scenario refuses the values of such a run, or does not have them after they are set.
     """
-    owners = {b.key: scalars[effect.columns[0]].entry for b in design.bindings for effect in b.effects}
+    places = {b.key: ("dispersions", scalars[effect.columns[0]].entry) for b in design.bindings for effect in b.effects}
     for run in extreme_rows(design):
         values = design.overrides(run)
-        changes = {key: f"{key}={json.dumps(value)}" for key, value in values.items()}
+        changes = {f"{key}={json.dumps(value)}": places[key] for key, value in values.items()}
         try:
-            changed = base.source.overridden(list(changes.values()))
-            targets = Targets(base.changed(changed))
+            targets = Targets(base.changed(base.source.overridden(list(changes))))
         except InputError as error:
-            raise InputError(_message(error.lines[0], run, changes, owners, source)) from error
+            fault = override_faults(error, changes)[0] or Fault(error.lines[0], ("dispersions",))
+            raise InputError(source.line(replace(fault, message=f"run {run}: {fault.message}"))) from error
         for key, value in values.items():
             if message := _not_applied(targets, key, value):
-                raise InputError(source.line(Fault(f"run {run}: {message}", ("dispersions", owners[key]))))
+                raise InputError(source.line(Fault(f"run {run}: {message}", places[key])))
+
+
+def override_faults(error: InputError, places: Mapping[str, KeyPath]) -> list[Fault | None]:
+    """Faults of overrides that a campaign file states, at their places there; None for lines of something else.
+
+    Args:
+        error: Error of a scenario with overrides.
+        places: Key of the campaign file by override.
+    """
+    return [
+        Fault(line.removeprefix(one_line(f"{override(text)}: ")), places[text]) if text in places else None
+        for line, text in zip(error.lines, error.overrides, strict=True)
+    ]
 
 
 def extreme_rows(design: Design) -> list[int]:
@@ -355,14 +366,6 @@ def extreme_rows(design: Design) -> list[int]:
         else:
             chosen |= {column.index(value) for value in dict.fromkeys(column)}
     return sorted(chosen)
-
-
-def _message(line: str, run: int, changes: Mapping[str, str], owners: Mapping[str, str], source: YamlSource) -> str:
-    """Fault of the scenario of a run, located in the campaign file."""
-    for key, change in changes.items():
-        if line.startswith(prefix := one_line(f"{override(change)}: ")):
-            return source.line(Fault(f"run {run}: {line.removeprefix(prefix)}", ("dispersions", owners[key])))
-    return source.line(Fault(f"run {run}: {line}", ("dispersions",)))
 
 
 def _not_applied(targets: Targets, key: str, sampled: Any) -> str:

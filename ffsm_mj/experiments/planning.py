@@ -11,13 +11,13 @@ from typing import Any
 from pydantic import ValidationError
 
 from ffsm_mj.assembly.prepare import PreparedRun, Scenario, as_overrides, prepare, scenario_of
-from ffsm_mj.errors import Fault, InputError, ScenarioFaults, one_line
-from ffsm_mj.experiments.bindings import Targets, bind_dispersions, extreme_rows, refuse_wrong_rows
+from ffsm_mj.errors import Fault, InputError, ScenarioFaults
+from ffsm_mj.experiments.bindings import Targets, bind_dispersions, extreme_rows, override_faults, refuse_wrong_rows
 from ffsm_mj.experiments.design import EXTENDABLE, Binding, Design, refuse_levels, sample_design, scalars_of
 from ffsm_mj.experiments.distributions import SampledScalar
 from ffsm_mj.experiments.file import OLD_KEY, CampaignFile, Kind, VariantConfig, campaign_path
 from ffsm_mj.experiments.metrics import NO_CLASSES, FileMetric, ScriptClasses, fault_of, read_metrics
-from ffsm_mj.invocation import command, on_command_line, override
+from ffsm_mj.invocation import command, on_command_line
 from ffsm_mj.records.signals import identifier
 from ffsm_mj.scenario.faults import KindNames, plain_faults
 from ffsm_mj.scenario.loading import load_scenario, stated_source
@@ -58,10 +58,8 @@ class Plan:
         return self._sampled(samples.kind, samples.n or 0, samples.seed)
 
     def _sampled(self, kind: Kind, n: int, seed: int) -> Design:
-        try:
+        with self.source.locating():
             design = sample_design(kind, n, seed, self.scalars, self.bindings)
-        except ScenarioFaults as faults:
-            raise self.source.located(faults) from faults
         refuse_wrong_rows(self.base, design, self.source, self.scalars)
         return design
 
@@ -206,9 +204,9 @@ def _validated(source: YamlSource) -> CampaignFile:
     try:
         config = CampaignFile.model_validate(source.data)
     except ValidationError as error:
-        raise InputError(source.lines(plain_faults(error, KindNames(CampaignFile, (), (), {})))) from error
+        raise source.located(plain_faults(error, KindNames(CampaignFile, (), (), {}))) from error
     if faults := list(config.faults()):
-        raise InputError(source.lines(faults))
+        raise source.located(faults)
     return config
 
 
@@ -279,14 +277,12 @@ class _Planner:
             prepared = self._prepared(name, variant, config.overrides)
         if prepared.origin is not None:
             message = "a campaign needs a scenario that begins at t = 0: each of its runs has a seed of its own"
-            raise prepared.source.located(ScenarioFaults([Fault(message, ("initial", "from"))]))
-        try:
+            raise prepared.source.located([Fault(message, ("initial", "from"))])
+        with self.source.locating():
             self._refuse_metrics(prepared)
             refuse_levels(config)
             scalars = scalars_of(config.dispersions)
             bindings = bind_dispersions(config.dispersions, Targets(prepared))
-        except ScenarioFaults as faults:
-            raise self.source.located(faults) from faults
         overrides = tuple(as_overrides(config.overrides))
         return Plan(config, self.source, self.classes, overrides, prepared, scalars, bindings)
 
@@ -309,21 +305,14 @@ class _Planner:
 
     def _prepared(self, name: str, variant: VariantConfig | None, overrides: Mapping[str, Any]) -> PreparedRun:
         """The base scenario with its overrides, whose faults are located in the campaign file."""
-        changes = {key: f"{key}={json.dumps(value)}" for key, value in overrides.items()}
+        changes = {f"{key}={json.dumps(value)}": _place(name, variant, key) for key, value in overrides.items()}
+        plugins: dict[str, Any] = {"controllers": self.classes.controllers, "estimators": self.classes.estimators}
         scenario = self._scenario(name, variant)
         try:
-            return prepare(
-                scenario, list(changes.values()), controllers=self.classes.controllers, estimators=self.classes.estimators
-            )
+            return prepare(scenario, list(changes), **plugins)
         except InputError as error:
-            lines = []
-            for line in error.lines:
-                begins = {key: one_line(f"{override(change)}: ") for key, change in changes.items()}
-                key = next((key for key, begin in begins.items() if line.startswith(begin)), None)
-                if key is not None:
-                    fault = Fault(line.removeprefix(begins[key]), _place(name, variant, key))
-                lines.append(line if key is None else self.source.line(fault))
-            raise InputError(lines) from error
+            faults = zip(error.lines, override_faults(error, changes), strict=True)
+            raise InputError([line if fault is None else self.source.line(fault) for line, fault in faults]) from error
 
     def _scenario(self, name: str, variant: VariantConfig | None) -> Scenario | Path:
         """Scenario of a campaign or of a variant.

@@ -152,7 +152,7 @@ def checked_parameters(prepared: PreparedRun, wrt: Mapping[str, float] = Mapping
     except ScenarioFaults as error:
         if wrt:
             raise InputError([f"{fault.path[-1]}: {fault.message}" for fault in error.faults]) from None
-        raise prepared.source.located(error) from None
+        raise prepared.source.located(error.faults) from None
 
 
 def _written(run: Run, folder: Path) -> Path:

@@ -107,7 +107,7 @@ class ScenarioEnv(gymnasium.Env[FloatArray, FloatArray]):
         try:
             return bind(self.config, assembly, lambda: self.simulator.unhandled_overlaps)
         except ScenarioFaults as faults:
-            raise self._source.located(faults) from faults
+            raise self._source.located(faults.faults) from faults
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[FloatArray, dict[str, Any]]:
         """Begin an episode.

@@ -181,5 +181,5 @@ def resets_of(plan: Plan | None, base: PreparedRun) -> Resets:
     try:
         bindings = bind_dispersions(plan.config.dispersions, Targets(base))
     except ScenarioFaults as faults:
-        raise plan.source.located(faults) from faults
+        raise plan.source.located(faults.faults) from faults
     return Resets(replace(plan, base=base, bindings=bindings).design(), base.scenario.seed)

@@ -314,7 +314,7 @@ def validated(
             _script_laws(source.data),
             {"truth", *estimators().classes, *estimator_classes},
         )
-        raise InputError(source.lines(plain_faults(error, kinds_known))) from error
+        raise source.located(plain_faults(error, kinds_known)) from error
     with source.locating():
         scenario = with_plugins(_with_script_laws(scenario, laws, estimator_classes))
         if faults := _other_faults(scenario):

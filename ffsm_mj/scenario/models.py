@@ -191,7 +191,7 @@ def with_scene(source: YamlSource) -> YamlSource:
         config = _config(data[SCENE])
         written = _written(config, _read(config, source.folder((SCENE, "mjcf"))), source)
     except ScenarioFaults as faulty:
-        raise InputError(source.lines(Fault(fault.message, (SCENE, *fault.path)) for fault in faulty.faults)) from faulty
+        raise source.located(Fault(fault.message, (SCENE, *fault.path)) for fault in faulty.faults) from faulty
     return source.with_data(_merged(written, {key: value for key, value in data.items() if key != SCENE}))
 
 

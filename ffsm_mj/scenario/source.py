@@ -151,11 +151,16 @@ class YamlSource:
         """``file:line:col: path.to.key: what is wrong``; for a key of an override, the override in place of the file."""
         name = ".".join(str(part) for part in fault.path)
         label = f"{name}: " if name else ""
-        overriding = [path for path in self._overrides if _on_one_line(path, fault.path)]
-        if overriding or (overriding := [path for path in self._overrides if self._makes(path, fault.path)]):
-            # The override of the key itself rather than that of a mapping around it.
-            return f"{override(self._overrides[max(overriding, key=len)])}: {label}{fault.message}"
+        if text := self._override_of(fault.path):
+            return f"{override(text)}: {label}{fault.message}"
         return f"{self._root.find(fault.path).place}: {label}{fault.message}" if self._root else f"{label}{fault.message}"
+
+    def _override_of(self, key: KeyPath) -> str:
+        """The override that sets a key; empty if none does."""
+        overriding = [path for path in self._overrides if _on_one_line(path, key)]
+        overriding = overriding or [path for path in self._overrides if self._makes(path, key)]
+        # The override of the key itself rather than that of a mapping around it.
+        return self._overrides[max(overriding, key=len)] if overriding else ""
 
     def _makes(self, path: KeyPath, key: KeyPath) -> bool:
         """Whether an override at a path makes a mapping of a key that the file does not have."""
@@ -163,14 +168,11 @@ class YamlSource:
         shared = next((k for k, (one, other) in enumerate(zip(path, key, strict=False)) if one != other), 0)
         return root is not None and any(root.find(path[:k]) is root.find(path[: k - 1]) for k in range(1, shared + 1))
 
-    def lines(self, faults: Iterable[Fault]) -> list[str]:
-        """One line per fault, in the order of the file."""
+    def located(self, faults: Iterable[Fault]) -> InputError:
+        """Faults by key as an error with one line each, in the order of the file."""
         root = self._root
-        return [self.line(fault) for fault in (sorted(faults, key=lambda f: root.find(f.path).place) if root else faults)]
-
-    def located(self, error: ScenarioFaults) -> InputError:
-        """Faults by key as an error with their locations."""
-        return InputError(self.lines(error.faults))
+        ordered = sorted(faults, key=lambda fault: root.find(fault.path).place) if root else [*faults]
+        return InputError([*map(self.line, ordered)], [self._override_of(fault.path) for fault in ordered])
 
     @contextmanager
     def locating(self) -> Iterator[None]:
@@ -178,7 +180,7 @@ class YamlSource:
         try:
             yield
         except ScenarioFaults as faults:
-            raise self.located(faults) from faults
+            raise self.located(faults.faults) from faults
 
     def folder(self, path: KeyPath) -> Path:
         """Folder of the file that sets a key; keys of an override belong to the file given by the user."""
@@ -236,16 +238,14 @@ def _sets_kind(text: str) -> bool:
 def _apply(source: YamlSource, override_text: str) -> None:
     key, equals, text = override_text.partition("=")
     if not equals or not key.strip():
-        raise InputError(f"{override(override_text)}: an override is written key=value, e.g. task.target_m='[3, 0]'")
+        raise _refused(override_text, "an override is written key=value, e.g. task.target_m='[3, 0]'")
     try:
         value = plain_value(text)
     except YamlFault as fault:
-        raise InputError(f"{override(override_text)}: in the value: {fault.problem}") from fault
+        raise _refused(override_text, f"in the value: {fault.problem}") from fault
     parts = key.strip().split(".")
     if len(parts) > MAX_DEPTH:
-        raise InputError(
-            f"{override(override_text)}: the key has {len(parts)} parts; a scenario is at most {MAX_DEPTH} deep"
-        )
+        raise _refused(override_text, f"the key has {len(parts)} parts; a scenario is at most {MAX_DEPTH} deep")
     path: tuple[str | int, ...] = ()
     below: Any
     # Only what contains the key is copied: a campaign makes thousands of sources from the same data.
@@ -267,6 +267,11 @@ def _apply(source: YamlSource, override_text: str) -> None:
     source._overrides[path] = override_text
 
 
+def _refused(text: str, message: str) -> InputError:
+    """An override that has no place in the data."""
+    return InputError(f"{override(text)}: {message}", [text])
+
+
 def _step(node: Any, parts: Sequence[str], done: int, text: str) -> tuple[str | int, int]:
     """Next key or list position along the path of an override, and the number of its parts that it consumes.
 
@@ -277,7 +282,7 @@ def _step(node: Any, parts: Sequence[str], done: int, text: str) -> tuple[str | 
     if isinstance(node, dict):
         return parts[done], 1
     if not isinstance(node, list):
-        raise InputError(f"{override(text)}: {where} is a scalar and has no {parts[done]!r}")
+        raise _refused(text, f"{where} is a scalar and has no {parts[done]!r}")
     if _POSITION.fullmatch(parts[done]) and int(parts[done]) < len(node):
         return int(parts[done]), 1
     names = [element_name(element) for element in node]
@@ -289,6 +294,4 @@ def _step(node: Any, parts: Sequence[str], done: int, text: str) -> tuple[str | 
     positions = f"its positions are 0 to {len(node) - 1}" if node else "it has no positions"
     known = ", ".join(name for name in names if name)
     meant = did_you_mean(parts[done], filter(None, names))
-    raise InputError(
-        f"{override(text)}: {where} is a list of {len(node)}{meant}: {positions}{known and f', its names {known}'}"
-    )
+    raise _refused(text, f"{where} is a list of {len(node)}{meant}: {positions}{known and f', its names {known}'}")

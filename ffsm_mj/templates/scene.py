@@ -94,7 +94,7 @@ def _overlaps(path: Path) -> list[tuple[str, str]]:
         data = initial_state(scenario, system).data
         contacts = resolve_contacts(scenario.contacts, system)
     except ScenarioFaults as faulty:
-        raise source.located(faulty) from faulty
+        raise source.located(faulty.faults) from faulty
     return [pair.geoms for pair, _ in overlapping(system, data, contacts)]
 
 
