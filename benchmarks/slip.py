@@ -24,8 +24,7 @@ import ffsm_mj
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from ffsm_mj.contact_models import registry
-from tests.contact_models.persistent.friction.loads import Loads
-from tests.contact_models.persistent.friction.scenes import pulled
+from tests.contact_models.persistent.friction.scenes import Loads, pulled
 from tests.contact_models.persistent.friction.test_slip_in_space import PULL, curving, of_three_coordinates, spinning
 
 

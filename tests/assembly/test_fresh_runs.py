@@ -18,7 +18,7 @@ from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.interface import ContactModel
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
-from tests.contact_models.grasp.test_closing_while_pressing import INSIDE, pushing
+from tests.contact_models.grasp.test_closing import INSIDE, pushing
 from tests.contact_models.impact.test_fixed import slab
 from tests.contact_models.persistent.random_pushes import LAWS
 from tests.contact_models.scenes import capture, spring

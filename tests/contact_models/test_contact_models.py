@@ -22,7 +22,7 @@ from ffsm_mj.records.events import Outcome, RunEnded
 from ffsm_mj.replay import replay_log
 from tests.contact_models import scenes
 from tests.contact_models.weld import Weld
-from tests.replays import assert_passes, assert_replayed
+from tests.replays import assert_passes
 from tests.scenes import ball, two_balls
 
 pytestmark = pytest.mark.usefixtures("example_contact_models")
@@ -166,12 +166,6 @@ def test_a_phase_ends_only_with_known_events(tmp_path):
     with pytest.raises(InputError) as error:
         prepare(scenes.capture(tmp_path, contact_models=[]))
     assert "phases.0.until: unknown end of a phase 'weld'" in str(error.value)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("make", [scenes.spring, scenes.capture])
-def test_analyze_recomputes_a_run_with_a_contact_model(tmp_path, make):
-    assert_replayed(ffsm_mj.run(make(tmp_path), out=tmp_path / "run"))
 
 
 def test_what_a_contact_model_imports_is_on_its_page():

@@ -22,7 +22,7 @@ from ffsm_mj.log.recorder import Recorder
 from ffsm_mj.replay import replay_log
 from ffsm_mj.simulation.integrator import EventDrivenIntegrator
 from ffsm_mj.simulation.rows import RowWriter
-from tests.contact_models.grasp.test_closing_while_pressing import pushing
+from tests.contact_models.grasp.test_closing import pushing
 from tests.scenes import two_balls
 from tests.ticks import in_the_loop
 

@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 from ffsm_mj._core.state_transfer import StateTransfer
-from ffsm_mj.contact_models.grasp.grasped_motion import GraspedMotion, check_grasped_system
+from ffsm_mj.contact_models.grasp.grasped_motion import check_grasped_system
 from ffsm_mj.contact_models.grasp.latch_joints import relative_twist_rows
 from ffsm_mj.contact_models.grasp.load import InterfaceLoad
 from ffsm_mj.contact_models.impact import rest_rule
@@ -114,43 +114,6 @@ def test_ten_seconds_held_against_six_rows_in_the_stages(tmp_path, step_s):
     np.testing.assert_allclose(constrained, path, rtol=0, atol=tolerance)
 
 
-def test_the_weld_of_mujoco_does_not(tmp_path):
-    """Tuned to solref 2h it leaves some 1e-10 of the momenta; the pose is soft by default too."""
-    step_s = 1e-3
-    bench = _tumbling(tmp_path, step_s, 0.3)
-    model = mujoco.MjModel.from_xml_string(bench_xml(bench))
-    data = mujoco.MjData(model)
-    data.qpos, data.qvel = bench.data.qpos, bench.data.qvel
-    mujoco.mj_forward(model, data)
-    momentum = _momentum(model, data)
-    for _ in range(10_000):
-        mujoco.mj_step(model, data)
-    mujoco.mj_forward(model, data)
-    assert np.abs(_momentum(model, data) - momentum).max() > KEPT
-    assert max(_flown(bench, lambda: bench.grasped_motion.step(step_s), step_s)[1]) < 0.1 * KEPT
-
-
-def bench_xml(bench):
-    """Arm and target in one file, welded at the pose that they have."""
-    arm, target = ARM, TARGET
-    body = target[target.index("<body") : target.index("</worldbody>")].replace('name="free"', 'name="own"')
-    body = body.replace('<geom name="target"', '<geom name="ball"')
-    text = arm.replace("</worldbody>", f"{body}</worldbody>").replace(
-        '<option gravity="0 0 0"/>',
-        '<option gravity="0 0 0" integrator="RK4" timestep="0.001"><flag contact="disable"/></option>',
-    )
-    held = bench.grasped_motion
-    pose = " ".join(repr(float(x)) for x in (*held.model.body_pos[held.root], *held.model.body_quat[held.root]))
-    weld = f'<weld body1="hand" body2="target" relpose="{pose}" solref="0.002 1" solimp="0.9999 0.9999 0.001"/>'
-    return text.replace("</mujoco>", f"<equality>{weld}</equality></mujoco>")
-
-
-def _momentum(model, data):
-    mujoco.mj_subtreeVel(model, data)
-    P = model.body_subtreemass[0] * data.subtree_linvel[0]
-    return np.concatenate((P, data.subtree_angmom[0] + np.cross(data.subtree_com[0], P)))
-
-
 def _tumbling(folder, step_s, speed=0.1):
     """An arm whose joints turn with a tumbling target in its hand."""
     bench = Bench(folder, time_step_s=step_s)
@@ -210,25 +173,6 @@ def test_the_load_is_what_holds_the_object(tmp_path, rng):
         force = np.linalg.lstsq(J.T, data.qfrc_applied, rcond=None)[0]
         data.qfrc_applied[:] = 0.0
         np.testing.assert_allclose(load, force, atol=1e-10 * (1.0 + np.abs(force).max()))
-
-
-def test_a_pose_snapped_to_the_sites_is_noticed(tmp_path, rng, monkeypatch):
-    """Mistakes of the transfer to the logged system: ``tests/mutants``."""
-    bench = Bench(tmp_path)
-    bench.draw(rng)
-    hold = GraspedMotion.hold
-
-    def snapped(self):
-        hold(self)
-        self.model.body_pos[self.root] = self.model.site_pos[self.model.site("robot/grip").id]
-        self._refresh()
-
-    monkeypatch.setattr(GraspedMotion, "hold", snapped)
-    momentum = bench.momentum()
-    bench.capture()
-    for _ in range(10):
-        bench.grasped_motion.step(1e-3)
-    assert np.abs(bench.momentum() - momentum).max() > 1e-4
 
 
 def test_what_cannot_follow_is_refused(tmp_path):

@@ -205,3 +205,31 @@ def test_defaults_of_the_objects_file_are_not_for_the_latch(tmp_path):
     model = bench.grasped_motion.model
     assert not any(values.any() for values in (model.dof_damping, model.dof_armature, model.jnt_stiffness))
     assert not any(values[-2:].any() for values in (model.jnt_limited, model.qpos0))
+
+
+GRASPS = 100
+SPACE, PLANE = (), (FLAT_ARM, FLAT_TARGET)
+
+
+@pytest.mark.parametrize(("models", "rank"), [(SPACE, 6), (PLANE, 3)], ids=["space", "plane"])
+def test_what_a_capture_keeps_and_what_it_loses(tmp_path, rng, models, rank):
+    """Momenta, no relative twist, energy by the formula, whatever the state; tolerances are rounding of the terms."""
+    bench = Bench(tmp_path, *models)
+    for _ in range(GRASPS):
+        bench.draw(rng)
+        momentum, energy = bench.momentum(), bench.energy()
+        found = bench.capture()
+        assert found.rank == rank
+        # What the joints of a plane bear is no momentum of the system.
+        kept = slice(None) if rank == 6 else [0, 1, 5]
+        assert np.abs(bench.momentum() - momentum)[kept].max() <= 1e-14 * (1.0 + bench.moduli())
+        assert np.abs(bench.twist()).max() <= 1e-13 * (1.0 + np.abs(bench.data.qvel).max())
+        assert found.loss_J >= 0.0
+        assert abs(energy - bench.energy() - found.loss_J) <= 1e-14 * energy
+
+
+def test_rows_of_a_plane_are_solved_with_least_norm(tmp_path, rng):
+    """Force and moment out of the plane are borne by joints: of least norm there are none."""
+    bench = Bench(tmp_path, *PLANE)
+    bench.draw(rng)
+    assert np.abs(bench.impulse().impulses[[2, 3, 4]]).max() <= 1e-15

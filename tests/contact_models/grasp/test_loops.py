@@ -6,9 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from ffsm_mj.contact_models.grasp.loops import closing_pose, loop_latch
-from ffsm_mj.dynamics.rigid_body import mass_matrix, momentum_matrix
-from tests.contact_models.grasp.two_hands import PLANAR, SPATIAL, TwoHands
+from ffsm_mj.contact_models.impact.friction.result import tangents
+from ffsm_mj.contact_models.impact.resolution import Contact, contact_jacobian, contact_rows
+from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
+from ffsm_mj.dynamics.rigid_body import mass_matrix
+from tests.contact_models.grasp.two_hands import PLANAR, SPATIAL, TwoHands, hand
 
 AMPLITUDES, PLACES = np.array((2.0, -1.5, 0.6, -2.0, 1.2, 0.5)), np.arange(6)
 
@@ -54,94 +56,6 @@ def test_without_torques_energy_is_constant_and_loops_stay_closed(tmp_path):
     assert np.abs(bench.integrator.motion.loops.errors()).max() < 2e-11
 
 
-@pytest.mark.parametrize("axes", [PLANAR, SPATIAL])
-def test_loads_are_the_force_balance_of_the_object(tmp_path, axes):
-    """Both loads together are the rate of the object's momentum, by MuJoCo's inverse dynamics of the logged system."""
-    bench = TwoHands(tmp_path, axes)
-    bench.close()
-    bench.run(0.05, torques)
-    loads, data, model = bench.loads(), bench.data, bench.system.mj
-    bench.integrator.motion.path.on_event_located()  # the accelerations under these forces
-    needed = np.empty(model.nv)
-    mujoco.mj_rne(model, data, 1, needed)
-    dofs = bench.system.objects[0].dofs
-    body = bench.system.objects[0].root
-    found = np.zeros(model.nv)
-    for side in "lr":
-        point = data.site_xpos[bench.system.index("site", bench.grasps[side].object_site)]
-        mujoco.mj_applyFT(model, data, loads[side][:3], loads[side][3:], point, body, found)
-    np.testing.assert_allclose(found[dofs], needed[dofs], rtol=0, atol=1e-10 * (1.0 + np.abs(loads["l"]).max()))
-    assert bench.loops.is_unique() is (axes is SPATIAL)
-
-
-def test_the_first_of_two_is_released_and_the_other_one_becomes_the_tree(tmp_path):
-    """The state is continuous, no rows are left, and the motion is that of one grasp from the same state."""
-    bench = TwoHands(tmp_path, SPATIAL)
-    bench.close("l", "r")
-    bench.run(0.05, torques)
-    before, momentum = bench.everything(), bench.momentum()
-    bench.loops.open("r")
-    bench.grasped_motion["r"].hold()
-    bench.integrator.bind(bench.grasped_motion["r"])
-    # The pose of the object follows from that of the hand, and its rates from the twist: equal up to drift.
-    np.testing.assert_allclose(bench.everything(), before, rtol=0, atol=1e-10)
-    assert bench.integrator.motion.loops is None
-    assert bench.loops.closed == ()
-    assert not bench.loops.active
-    energy, bench.data.ctrl[:] = bench.energy(), 0.0
-    bench.run(0.2)
-    assert bench.energy() == pytest.approx(energy, abs=1e-12)
-    np.testing.assert_allclose(bench.momentum(), momentum, rtol=0, atol=1e-10)
-
-
-def test_the_second_of_two_is_released(tmp_path):
-    """From then on the motion is that of the first grasp alone, bit for bit."""
-    bench, alone = TwoHands(tmp_path / "two", SPATIAL), TwoHands(tmp_path / "one", SPATIAL)
-    bench.close("l", "r")
-    bench.run(0.02, torques)
-    bench.loops.open("r")
-    bench.integrator.restart()
-    alone.data.qpos[:], alone.data.qvel[:] = bench.data.qpos, bench.data.qvel
-    alone.data.time = bench.data.time
-    mujoco.mj_forward(alone.system.mj, alone.data)
-    held = alone.grasped_motion["l"]
-    held.hold()
-    held.model.body_pos[held.root] = bench.grasped_motion["l"].model.body_pos[held.root]
-    held.model.body_quat[held.root] = bench.grasped_motion["l"].model.body_quat[held.root]
-    alone.integrator.bind(held)
-    held.sync_from_system()
-    for each in (bench, alone):
-        each.run(0.05, torques)
-    np.testing.assert_allclose(bench.everything(), alone.everything(), rtol=0, atol=1e-13)
-
-
-def test_each_hand_holds_an_object_of_its_own(tmp_path):
-    """The second object is a tree of its own: what the latch gives to it is entered, and is the change of its momentum."""
-    bench = TwoHands(tmp_path, SPATIAL, objects=("target", "other"))
-    bench.close()
-    model, data = bench.system.mj, bench.data
-    other = bench.system.objects[1]
-    own = lambda: momentum_matrix(model, data, other.root) @ data.qvel  # noqa: E731
-    before, energy = own(), _energy_of(bench, other)
-    given, work = np.zeros(6), 0.0
-    for _ in range(100):
-        bench.data.ctrl[:] = torques(data.time)
-        bench.integrator.advance(bench.step_s)
-        for exchange in bench.integrator.exchanges(bench.step_s):
-            given, work = given + exchange.impulse, work + exchange.energy_J[2]
-            assert abs(exchange.energy_J[0]) < 1e-9  # of a projection
-    np.testing.assert_allclose(own() - before, given, rtol=0, atol=1e-10)
-    assert _energy_of(bench, other) - energy == pytest.approx(work, abs=1e-10)
-    assert np.abs(given).max() > 0.01
-
-
-def _energy_of(bench, tree):
-    M = mass_matrix(bench.system.mj, bench.data)
-    v = np.zeros(len(M))
-    v[tree.dofs] = bench.data.qvel[tree.dofs]
-    return 0.5 * float(v @ M @ v)
-
-
 @pytest.mark.parametrize("kind", ["ball", "hinge", "slide", "cylindrical"])
 def test_a_further_grasp_with_freedom_moves_as_a_first_one(tmp_path, kind):
     """Rigid first and free second, by rows, against free first, by joints, and rigid second: one motion."""
@@ -154,40 +68,121 @@ def test_a_further_grasp_with_freedom_moves_as_a_first_one(tmp_path, kind):
     assert relative(one, other) < 1e-9
 
 
-def test_boosted_and_turned(tmp_path):
-    """A scene at another velocity and in another orientation: joints move alike, loads turn with it."""
-    plain, moved = (TwoHands(tmp_path, SPATIAL) for _ in range(2))
-    R, quaternion = np.empty(9), np.array((0.5, 0.1, -0.7, 0.3))
-    quaternion /= np.linalg.norm(quaternion)
-    mujoco.mju_quat2Mat(R, quaternion)
-    R = R.reshape(3, 3)
-    data = moved.data
-    for name in ("robot/free", "target/free"):
-        joint = moved.system.joints[name]
-        q, v = data.qpos[joint.qpos], data.qvel[joint.dofs]
-        turned = np.empty(4)
-        mujoco.mju_mulQuat(turned, quaternion, q[3:].copy())
-        q[:3], q[3:], v[:3] = R @ q[:3], turned, R @ v[:3] + (0.3, -0.2, 0.1)
-    mujoco.mj_forward(moved.system.mj, data)
-    for each in (plain, moved):
-        each.close()
-        each.run(0.1, torques)
-    np.testing.assert_allclose(moved.data.qpos[7:13], plain.data.qpos[7:13], rtol=0, atol=1e-9)
-    here, there = plain.loads(), moved.loads()
-    for side in "lr":
-        np.testing.assert_allclose(there[side].reshape(2, 3), here[side].reshape(2, 3) @ R.T, rtol=0, atol=1e-6)
+BALL = '<geom name="ball" type="sphere" size=".05" mass="0"/>'
+PLATE = '<geom name="plate" type="box" size=".02 .5 .5" pos="{} {} {}" mass="0"/>'
+CHAINS = {"tree": (SPATIAL, "other"), "loop": (PLANAR, "target")}
 
 
-def test_a_latch_from_logged_numbers_is_the_same_bit_by_bit(tmp_path):
-    """Closed in a run, and set closed in another scene at a logged state: equal forces."""
-    bench, again = TwoHands(tmp_path, SPATIAL), TwoHands(tmp_path, SPATIAL)
-    bench.close_first("l")
-    pose = closing_pose(bench.system, bench.data, bench.grasps["r"])
-    bench.close_further("r")
-    again.close_first("l")
-    again.loops.set_closed({"r": loop_latch(again.system, again.grasps["r"], pose)})
-    again.grasped_motion["l"].go_to(bench.grasped_motion["l"].data.qpos, bench.grasped_motion["l"].data.qvel)
-    again.integrator.restart()
-    for each in (bench, again):
-        each.run(0.02, torques)
-    np.testing.assert_array_equal(bench.everything(), again.everything())
+def pressing(time_s):
+    return np.array((-1.5, 0.0, 0.1, -2.0, 0.6 + 0.3 * np.sin(5.0 * time_s), 0.05))
+
+
+def pressed(folder, chain, mu, restitution, order="lr", step_s=2e-3):
+    """Arms press a ball that they hold against a plate of the base, 2 mm away at the start."""
+    axes, name = CHAINS[chain]
+    place = hand(axes, "r") if name == "other" else 0.5 * (hand(axes, "r") + hand(axes, "l"))
+    place = place + np.array((0.072, 0.15, 0.0))
+    pairs = [("pair", "robot/plate", f"{name}/ball", restitution, mu)]
+    bench = TwoHands(folder, axes, step_s, objects=("target", name), geoms=(PLATE.format(*place), BALL), pairs=pairs)
+    bench.data.qvel[:] = 0.0
+    mujoco.mj_forward(bench.system.mj, bench.data)
+    bench.close(*order)
+    return bench
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("chain", "mu", "restitution"), [("tree", 0.0, 0.5), ("tree", 0.05, 0.0), ("loop", 0.05, 0.5), ("loop", 0.6, 0.0)]
+)
+def test_the_order_of_two_grasps_does_not_matter_in_contact(tmp_path, chain, mu, restitution):
+    """Impacts, their accumulation, and contact that lasts: one motion, to truncation; P and L are kept.
+
+    In the tree, what one scene holds by rows the other one has as a child body.
+    """
+    one, other = (pressed(tmp_path, chain, mu, restitution, order) for order in ("lr", "rl"))
+    momentum = one.momentum()
+    for bench in (one, other):
+        bench.run(0.1, pressing)
+        assert bench.persistent.active
+    np.testing.assert_allclose(one.everything(), other.everything(), rtol=0, atol=2e-9)
+    np.testing.assert_allclose(one.momentum(), momentum, rtol=0, atol=2e-9)
+    kinds = [[type(record).__name__ for record in bench.records] for bench in (one, other)]
+    assert kinds[0] == kinds[1]
+    assert len([kind for kind in kinds[0] if kind == "ImpactRecord"]) >= (1 if restitution == 0.0 else 4)
+
+
+def all_rows(bench):
+    """Rows of both grasps in the logged system, and their rates."""
+    latches = [bench.latch(side) for side in "lr"]
+    return ClosedLoops(bench.system.mj, bench.data, latches).rows()
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.05, 0.6])
+def test_impulses_on_a_closed_loop(tmp_path, mu):
+    """M times the change of velocity is what impulses of the record and of the 12 rows explain; the rows stay at rest."""
+    bench = pressed(tmp_path, "loop", mu, 0.5)
+    bench.run(0.1, pressing)
+    for record in [each for each in bench.records if hasattr(each, "impulse_N_s")][:3]:
+        model, data = bench.system.mj, mujoco.MjData(bench.system.mj)
+        before, after = (
+            np.concatenate([v[j] for j in bench.system.joints]) for v in (record.qvel_before, record.qvel_after)
+        )
+        data.qpos[:], data.qvel[:] = record.qpos, after
+        mujoco.mj_forward(model, data)
+        B = ClosedLoops(model, data, [bench.loops.motion.loops.sources[0]]).rows().J
+        first = bench.latch("l")
+        B = np.vstack((B, ClosedLoops(model, data, [first]).rows().J))
+        pair = bench.pairs[0]
+        contact = Contact(pair.body_a, pair.body_b, np.array(record.point_m), np.array(record.normal), 0.5, mu)
+        along = record.impulse_N_s * np.array(record.normal) + np.array(record.tangential_impulse_N_s)
+        rows = contact_rows(model, data, contact, np.eye(3)[:2])
+        J = np.vstack((rows[1:], contact_rows(model, data, contact, np.eye(3)[1:])[2:]))
+        left = mass_matrix(model, data) @ (after - before) - along @ J
+        explained = B.T @ np.linalg.lstsq(B.T, left, rcond=1e-12)[0]
+        np.testing.assert_allclose(left, explained, rtol=0, atol=1e-12)
+        assert np.abs(B @ after).max() < 1e-9  # drift of the rates until the next projection
+        assert record.separation_speed_m_s == pytest.approx(record.restitution_used * record.approach_speed_m_s, abs=1e-9)
+        assert float(contact_jacobian(model, data, contact) @ after) == pytest.approx(record.separation_speed_m_s, abs=1e-11)
+        assert np.linalg.norm(record.tangential_impulse_N_s) <= mu * record.impulse_N_s * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.05])
+def test_forces_of_contact_on_a_closed_loop(tmp_path, mu):
+    """In the logged system, M qddot + c = efforts + B^T lambda + J^T (n - mu s) N, and B qddot = -gamma."""
+    bench = pressed(tmp_path, "loop", mu, 0.0)
+    bench.run(0.1, pressing)
+    bench.integrator.motion.refresh_forces()
+    bench.integrator.motion.path.on_event_located()
+    (contact,) = bench.persistent.active_contacts()
+    model, data = bench.system.mj, bench.data
+    pair, normal = bench.pairs[0], contact.normal
+    at = Contact(pair.body_a, pair.body_b, contact.point_m, normal, 0.0, mu)
+    J = contact_rows(model, data, at, tangents(normal))
+    axes = np.vstack((normal, tangents(normal)))
+    given = (axes @ contact.force_N) @ J
+    rows = all_rows(bench)
+    needed = mass_matrix(model, data) @ data.qacc + data.qfrc_bias - data.qfrc_actuator - given
+    explained = rows.J.T @ np.linalg.lstsq(rows.J.T, needed, rcond=1e-12)[0]
+    np.testing.assert_allclose(needed, explained, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(rows.J @ data.qacc, -rows.gamma, rtol=0, atol=1e-9)
+    size = float(contact.force_N @ normal)
+    assert size > 0.1
+    slip = J[1:] @ data.qvel
+    np.testing.assert_allclose(axes[1:] @ contact.force_N, -mu * size * slip / np.linalg.norm(slip), rtol=0, atol=1e-9)
+    assert abs(J[0] @ data.qvel) < 1e-9
+
+
+def test_pairs_on_rigidly_latched_bodies_are_not_in_contact(tmp_path):
+    """While both hands hold the object, all three are one rigid body; by a hinge, they are not."""
+    for kind, names in (
+        ("rigid", ("robot/palm_l", "robot/palm_r", "target/ball")),
+        ("hinge", ("robot/palm_l", "target/ball")),
+    ):
+        bench = TwoHands(tmp_path, SPATIAL, joints=("rigid", kind), geoms=("", BALL))
+        bench.close()
+        ids = [bench.system.index("geom", name) for name in names]
+        motion = bench.integrator.motion
+        assert motion.disabled == {frozenset((a, b)) for a in ids for b in ids if a < b}
+        bench.loops.open("r")
+        bench.integrator.bind(motion)
+        assert motion.disabled == {frozenset((ids[0], ids[-1]))}

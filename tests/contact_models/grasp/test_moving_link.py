@@ -11,7 +11,6 @@ from ffsm_mj.analysis.run_models import all_checks
 from tests.contact_models.grasp.scenes import ARM, OFF
 from tests.replays import proved
 from tests.scenes import HEAD, ball, scene
-from tests.simulation.restored import is_rest_of, told
 
 BUS = '<inertial pos="0.03 -0.02 0.01" mass="3" diaginertia="0.04 0.05 0.06"/><geom name="bus" size="0.1" mass="0"/>'
 PANEL = """<inertial pos="-0.2 0.02 0" mass="0.8" diaginertia="0.01 0.02 0.025"/><site name="handle" pos="-0.35 0.02 0.01"/>
@@ -162,23 +161,6 @@ def test_it_is_hit_while_it_is_held(tmp_path):
     proved(run)
     assert run.impacts
     assert run.impacts[0].time_s < 0.4
-
-
-def test_it_goes_on_from_a_state(tmp_path):
-    """Out through bytes while the panel is held, and on to the end, bit for bit."""
-    path = catching(tmp_path / "scene")
-    simulator = ffsm_mj.Simulator(path)
-    simulator.reset()
-    while simulator.time_s < 0.2:
-        simulator.step()
-    state = simulator.get_state().to_bytes()
-    while not simulator.ended:
-        simulator.step()
-    whole, again = told(simulator.close()), ffsm_mj.Simulator(path)
-    again.set_state(ffsm_mj.SimulatorState.from_bytes(state))
-    while not again.ended:
-        again.step()
-    assert is_rest_of(whole, told(again.close()))
 
 
 def test_its_motor_works_while_the_panel_is_held(tmp_path):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ffsm_mj.errors import UnsupportedContactError
-from ffsm_mj.impact import Contact, compare_laws, resolve
+from ffsm_mj.impact import Contact, resolve
 
 UP = np.array([0.0, 0.0, 1.0])
 SPHERE = """<mujoco><option gravity="0 0 0"/><worldbody><body name="ball">
@@ -126,30 +126,11 @@ def test_a_box_that_slides_in_flat(law):
     assert again.friction.paths == tuple(impact.friction.paths[i] for i in order)
 
 
-def test_laws_side_by_side():
-    """All laws, with the reason why one does not cover friction. The two others agree for a single contact."""
-    model, data = moving(SPHERE, (0.72, 0.96, -1, 0, 0, 0))
-    found = compare_laws(model, data, [Contact(0, 1, -UP, UP, 0.5, 0.2)])
-    assert "does not cover friction" in found.pop("newton")
-    assert {name: impact.law for name, impact in found.items()} == {"blend": "stronge", "poisson": "stronge"}
-    assert np.array_equal(found["blend"].after.qvel, found["poisson"].after.qvel)
-
-
 @pytest.mark.parametrize(("changes", "error"), [({"restitution": 1.2}, UnsupportedContactError), ({"mu": -0.1}, ValueError)])
 def test_contacts_without_law_are_refused(changes, error):
     model, data = moving(SPHERE, (0.72, 0.96, -1, 0, 0, 0))
     with pytest.raises(error, match="mu"):
         resolve(model, data, [Contact(0, 1, -UP, UP, **{"restitution": 0.5, "mu": 0.2} | changes)])
-
-
-@pytest.mark.parametrize("count", [1, 4])
-def test_contacts_that_separate_or_rest_get_no_impulse(count):
-    for speed in (0.0, 1.0):
-        model, data = moving(BOX, (0.5 * speed, 0, speed, 0, 0, 0))
-        impact = resolve(model, data, corners()[:count])
-        assert np.array_equal(impact.after.qvel, data.qvel)
-        assert not impact.vectors.any()
-        assert impact.status == "ok"
 
 
 BODIES = """<mujoco><option gravity="0 0 0"/><worldbody>

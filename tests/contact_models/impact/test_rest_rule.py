@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -12,13 +13,14 @@ import pytest
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.assembly.run import simulate
 from ffsm_mj.cli.main import main
 from ffsm_mj.contact_models.impact import model as impact_model
+from ffsm_mj.contact_models.impact.laws import project
 from ffsm_mj.contact_models.impact.rest_rule import resolve_resting
 from ffsm_mj.contact_models.impact.time_of_impact import Detector
 from ffsm_mj.dynamics.step_path import StepPath
 from ffsm_mj.simulation import steps as simulation
+from tests.contact_models.impact.test_fixed import slab
 from tests.scenes import HEAD, ball, box, scene, two_balls
 
 PENETRATION_M = 1e-9
@@ -280,31 +282,6 @@ def test_an_interrupt_inside_a_step(tmp_path, monkeypatch):
     assert moves <= 52
 
 
-CHOICES = {
-    "restitution": [0.0, 0.1, 0.5, 0.7, 0.9, 0.99, 1.0],
-    "step": [2e-4, 1e-3, 4e-3, 1e-2],
-    "gap": [0.0, 1e-9, 1e-4, 0.02],
-    "turn": [0.0, 0.3, -0.2],
-    "shape": ["ball", "box"],
-}
-RANGES = {"kp": (0.0, 300.0), "kd": (0.0, 5.0), "target": (-0.3, 0.6), "speed": (-0.5, 0.5), "spin": (-2.0, 2.0)}
-ODD = 1e-9, 1e-4, 0.01
-"""Numbers that are small, beside zero and the ends of a range."""
-
-
-def random_scene(seed):
-    """A random scene: each number is one of the extreme ones with probability one half.
-
-    Not by Hypothesis, which draws numbers from the source: every edit of the package would draw other scenes.
-    """
-    rng = np.random.default_rng(seed)
-    chosen = {key: values[rng.integers(len(values))] for key, values in CHOICES.items()}
-    for key, (low, high) in RANGES.items():
-        odd = [x for x in (low, high, 0.0, *ODD) if low <= x <= high]
-        chosen[key] = float(rng.choice(odd)) if rng.random() < 0.5 else rng.uniform(low, high)
-    return chosen
-
-
 def _pushed(folder, d):
     """A pusher on a slide of a free base against a free, spinning box: a ball on its face, or a plate on its turned edge."""
     geom = 'type="sphere" size="0.05"' if d["shape"] == "ball" else 'type="box" size="0.05 0.5 0.5"'
@@ -339,12 +316,6 @@ def _pushed(folder, d):
     )
 
 
-@pytest.mark.long(one_of=20)
-@pytest.mark.parametrize("seed", range(300))
-def test_time_advances_and_nothing_overlaps_whatever_pushes(tmp_path, seed):
-    _never_stalls(tmp_path, random_scene(seed))
-
-
 CHATTER = {"turn": 0.0, "speed": 1e-4, "step": 2e-4, "gap": 0.0, "restitution": 1.0, "kp": 52.55, "shape": "box"}
 TILTED = {"turn": 0.0, "speed": -0.47845753984450134, "step": 1e-2, "gap": 1e-9, "restitution": 0.99, "shape": "box"}
 
@@ -359,37 +330,9 @@ TILTED = {"turn": 0.0, "speed": -0.47845753984450134, "step": 1e-2, "gap": 1e-9,
     ids=["an elastic plate hits 342 times in 2 ms", "corners 6e-8 m above a face are not at rest on it"],
 )
 def test_pushes_that_failed_once(tmp_path, scene, outcome):
-    assert _never_stalls(tmp_path, scene).outcome == outcome
-
-
-def _never_stalls(folder, scene):
-    """Every run ends with an outcome; the path is evaluated a bounded number of times per step.
-
-    A touch takes at most two searches for a root, each of ten evaluations as a rule and 100 at worst, and a few more.
-    """
-    moves: dict[float, int] = {}
-    move_to = StepPath.move_to
-
-    def counted(self, time_s):
-        moves[drawn_time()] = moves.get(drawn_time(), 0) + 1
-        move_to(self, time_s)
-
-    parts = prepare(_pushed(folder, scene)).assemble()
-    data = parts.data
-
-    def drawn_time():
-        return round(float(data.time) / scene["step"] - 0.5)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(StepPath, "move_to", counted)
-        run = simulate(parts)
-    assert run.outcome in ("completed", "event_limit"), run.message
-    if run.outcome == "completed":
-        assert run.time[-1] == pytest.approx(0.02)
-    touches = len({impact.event for impact in run.impacts}) + 1
-    assert max(moves.values(), default=0) <= 200 * (touches + 1)
+    run = ffsm_mj.run(_pushed(tmp_path, scene))
+    assert run.outcome == outcome, run.message
     check(run, fine=scene["step"] <= 1e-3)
-    return run
 
 
 def test_an_overlap_fails_a_check(tmp_path, monkeypatch, capsys):
@@ -439,3 +382,50 @@ def test_the_rest_rule_ignores_the_contact_forces_before_the_impact(tmp_path, mo
     hit = next(met for met in found if len(met.pressing) == 2)
     np.testing.assert_allclose(hit.pressing, [3.125, 3.125], rtol=1e-9)
     check(run)
+
+
+def squeezed(folder, mass):
+    """A block of 4 kg falls on a crate of a given mass on a floor."""
+    crate = box("crate", mass=1.0, half=(0.4, 0.4, 0.2)).replace('mass="1.0"', f'mass="{mass}"')
+    return scene(
+        folder,
+        box("block", mass=4.0, half=(0.3, 0.3, 0.1)),
+        {"crate": crate, "floor": slab("floor")},
+        fixed={"floor": {"position_m": [0, 0, -0.5]}},
+        duration_s=0.02,
+        initial={
+            "joints": {"robot/free": [0, 0, 0.501, 1, 0, 0, 0], "crate/free": [0, 0, 0.2, 1, 0, 0, 0]},
+            "rates": {"robot/free": [0, 0, -1.0, 0, 0, 0]},
+        },
+        contacts={
+            "rules": [
+                {"between": ["crate/crate", "floor/floor"], "restitution": 0.3},
+                {"between": ["block", "crate/crate"], "restitution": 0.3},
+            ]
+        },
+    )
+
+
+@pytest.mark.parametrize("mass", [1e-11, 1e-6, 1.0])
+def test_a_light_crate_between_heavy_ones(tmp_path, mass):
+    """A mass ratio of 4e11 took minutes of sweeps, and then 1000 impacts without impulse at one instant."""
+    begun = time.process_time()
+    run = ffsm_mj.run(squeezed(tmp_path, mass))
+    assert time.process_time() - begun < 20.0
+    assert run.outcome == "completed" or "the masses of the bodies in contact differ too much" in run.message
+    assert len(run.impacts) < 200
+    assert [check for check in all_checks(run) if not check.passes] == []
+
+
+def test_sweeps_end_at_the_rounding_of_the_impulses(rng):
+    """Rows almost cancel: impulses are 1e6 times the velocities that they change, and no sweep improves them."""
+    for _ in range(20):
+        light = 10 ** rng.uniform(-12, -3)
+        M = np.array([4.0, light])
+        J = np.array([[1.0, -1.0], [0.0, 1.0]])  # the upper one on the lower one, that one on the floor
+        A = J / np.sqrt(M)
+        w = np.sqrt(M) * (-1.0, 0.0)
+        begun = time.process_time()
+        impulses = project(A, w)
+        assert time.process_time() - begun < 0.5
+        np.testing.assert_allclose(impulses, [4.0, 4.0], rtol=1e-9)

@@ -15,7 +15,6 @@ from ffsm_mj.dynamics.springs import tendon_rows
 from tests.balance.test_tendon_springs import REACH, cord
 from tests.contact_models.joint_friction.scenes import changes, heat, rubbing, run
 from tests.scenes import HEAD
-from tests.simulation.restored import is_rest_of, rest, told
 
 pytestmark = pytest.mark.usefixtures("example_contact_models")
 
@@ -171,26 +170,6 @@ def test_a_cord_of_a_boosted_and_rotated_arm(tmp_path):
     )
     assert [each[2:] for each in plain] == [each[2:] for each in other] == EVENTS
     assert [each[1] for each in other] == pytest.approx([each[1] for each in plain], abs=1e-11)
-
-
-def test_a_logged_run_goes_on_from_a_cord_that_sticks(tmp_path):
-    whole = ffsm_mj.run(rubbing(tmp_path, REACH.format(CORD, MOTORS), 4e-3, **SWUNG), out=tmp_path / "run", rerun=False)
-    again = ffsm_mj.resume(tmp_path / "run", 0.84)
-    assert np.array_equal(whole.log.rows[-len(again.log.rows) :], again.log.rows, equal_nan=True)
-
-
-def test_a_run_goes_on_from_a_cord_that_sticks(tmp_path):
-    """In the middle of a stick, between two ticks; bit for bit, through bytes."""
-    path = rubbing(tmp_path, REACH.format(CORD, MOTORS), 4e-3, **SWUNG)
-    simulator = ffsm_mj.Simulator(path)
-    simulator.reset()
-    simulator.step(until=0.85)
-    state = simulator.get_state().to_bytes()
-    while not simulator.ended:
-        simulator.step()
-    made = simulator.close()
-    assert made["contact.robot_cord_sliding"][np.searchsorted(made.time, 0.85)] == 0.0
-    assert is_rest_of(told(made), rest(path, {}, state))
 
 
 def swing(other=""):

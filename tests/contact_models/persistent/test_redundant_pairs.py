@@ -72,6 +72,25 @@ def test_feet_share_by_least_norm(tmp_path, feet, joints):
         assert set(run[f"contact.{name}_mode"]) == {2.0}  # each presses
 
 
+def walking(folder, start_m, speed_m_s, step_s, duration_s=0.5):
+    """A table on three feet under 10 m/s^2, on which 1 kg walks."""
+    feet = {"left": (BALL, -0.5), "middle": (BALL, 0.0), "right": (BALL, 0.5)}
+    weight = """<body name="weight"><inertial pos="0 0 0" mass="1" diaginertia="0.01 0.01 0.01"/>
+      <joint name="walk" type="slide" axis="1 0 0"/></body>"""
+    return standing(
+        folder,
+        feet,
+        ("x", "z", "pitch"),
+        head='<option gravity="0 0 -10"/>',
+        weight=weight,
+        conservative=False,
+        initial={"joints": {"robot/z": 0.1, "walk": start_m}, "rates": {"walk": speed_m_s}},
+        duration_s=duration_s,
+        time_step_s=step_s,
+        control_period_s=step_s,
+    )
+
+
 def test_a_weight_walks_off_a_table(tmp_path):
     """Shares follow the moment as it grows; a foot without a share stays in touch, and opens where the table tips.
 
@@ -79,25 +98,7 @@ def test_a_weight_walks_off_a_table(tmp_path):
     of W = 30 N is at s a = x / 3. Of least squares are W / 3 (1 - 1.5 s), W / 3, W / 3 (1 + 1.5 s): none pulls until
     s = 2 / 3, at 0.2 s. From there the other two bear W (1 - s) and W s, until s = 1, at 0.7 s.
     """
-    feet = {"left": (BALL, -0.5), "middle": (BALL, 0.0), "right": (BALL, 0.5)}
-    weight = """<body name="weight"><inertial pos="0 0 0" mass="1" diaginertia="0.01 0.01 0.01"/>
-      <joint name="walk" type="slide" axis="1 0 0"/></body>"""
-    run = proved(
-        ffsm_mj.run(
-            standing(
-                tmp_path,
-                feet,
-                ("x", "z", "pitch"),
-                head='<option gravity="0 0 -10"/>',
-                weight=weight,
-                conservative=False,
-                initial={"joints": {"robot/z": 0.1, "walk": 0.8}, "rates": {"walk": 1.0}},
-                duration_s=0.75,
-                time_step_s=0.01,
-                control_period_s=0.01,
-            )
-        )
-    )
+    run = proved(ffsm_mj.run(walking(tmp_path, 0.8, 1.0, 0.01, duration_s=0.75)))
     # A gap'' counts as opening past 1e-9 of its terms, some 10 m/s^2, and grows by some 10 m/s^2 in a second.
     endings = {record.pair: record.time_s for record in run.records["contact_endings"]}
     assert endings == pytest.approx({"left": 0.7, "middle": 0.7}, abs=1e-8)
@@ -114,25 +115,6 @@ def test_a_weight_walks_off_a_table(tmp_path):
         # Linear before and after 0.2 s, which is a row: trapezia are exact.
         integral = np.sum(0.5 * (share[1:] + share[:-1]) * np.diff(run.time[rows]))
         assert run[f"contact.{name}_impulse_N_s"][rows][-1] == pytest.approx(integral, abs=1e-8)
-
-
-def walking(folder, start_m, speed_m_s, step_s):
-    """The same table, with the weight at other places, until 0.5 s."""
-    feet = {"left": (BALL, -0.5), "middle": (BALL, 0.0), "right": (BALL, 0.5)}
-    weight = """<body name="weight"><inertial pos="0 0 0" mass="1" diaginertia="0.01 0.01 0.01"/>
-      <joint name="walk" type="slide" axis="1 0 0"/></body>"""
-    return standing(
-        folder,
-        feet,
-        ("x", "z", "pitch"),
-        head='<option gravity="0 0 -10"/>',
-        weight=weight,
-        conservative=False,
-        initial={"joints": {"robot/z": 0.1, "walk": start_m}, "rates": {"walk": speed_m_s}},
-        duration_s=0.5,
-        time_step_s=step_s,
-        control_period_s=step_s,
-    )
 
 
 @pytest.mark.long

@@ -63,7 +63,6 @@ ON_SLAB = "contact.block_slab_slab"
 def test_a_rocking_block_comes_to_rest_on_both_edges_and_is_hit_by_a_third_body(tmp_path, restitution):
     """Hits of both edges in turn, then rest on four corners; the ball's blow is passed on to the slab; rest again."""
     run = proved(rocking(tmp_path, restitution, duration=1.5))
-    assert run.outcome == "completed"
     rocks = {impact.event for impact in run.impacts if impact.time_s < 1.0}
     assert 4 <= len(rocks) <= 40
     for before in (0.95, run.time[-1]):
@@ -107,7 +106,6 @@ def test_a_ball_slides_over_a_corner(tmp_path):
             )
         )
     )
-    assert run.outcome == "completed"
     (begins,), changes = run.records["contact_beginnings"], run.records["contact_changes"]
     modes = [begins.mode, *(change.mode for change in changes)]
     assert modes[0] == "sphere on face"

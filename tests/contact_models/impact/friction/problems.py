@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ffsm_mj.contact_models.impact.friction import tangents
+from ffsm_mj.contact_models.impact.friction.coulomb import CoulombProblem, coulomb
+from ffsm_mj.tolerances import SOLVED
 
 
 def problem(rng, family):
@@ -41,3 +43,40 @@ def bodies(rng, count):
         [np.concatenate((np.full(3, m), rng.uniform(0.2, 1.0, 3))) for m in rng.uniform(0.5, 2.0, n // 6)]
     )
     return np.concatenate(rows) / np.sqrt(scale), n
+
+
+def newton_with_friction(A, w, mu, e):
+    """Velocity after, (n,), with u_n+ + e u_n- in place of u_n+; None if no solution is found."""
+    u = A @ w
+    shifted = u.copy()
+    shifted[::3] *= 1.0 + np.asarray(e)
+    contacts = CoulombProblem(A @ A.T, shifted, np.atleast_1d(mu), np.zeros(len(A) // 3), float(np.abs(u).max()))
+    impulses, residual = coulomb(contacts)
+    return w + A.T @ impulses.ravel() if residual <= SOLVED else None
+
+
+SPHERE = np.diag([1.0, 3.5, 3.5])
+"""G of a sphere, m = R = 1, I = 2/5."""
+GENERAL = np.array([[2.0, 0.9, -0.6], [0.9, 1.5, 0.3], [-0.6, 0.3, 1.2]])
+PENDULUM = np.array([[1.0095602905, 1.5213086580, 0.0], [1.5213086580, 2.4403380457, 0.0], [0.0, 0.0, 0.0]])
+"""G of a double pendulum of two rods that falls on the floor; the third direction does not move."""
+
+
+def rod(degrees):
+    """G of a rod, m = L = 1, at an angle to the floor; along the third direction it is a mass of 1."""
+    return rod_of(np.cos(np.radians(degrees)), np.sin(np.radians(degrees)))
+
+
+def rod_of(cos, sin):
+    return np.array([[1 + 3 * cos**2, -3 * sin * cos, 0.0], [-3 * sin * cos, 1 + 3 * sin**2, 0.0], [0.0, 0.0, 1.0]])
+
+
+def rows(G, u):
+    """Some A and w with A A^T = G and A w = u, w of least norm: T is the kinetic energy of the contact."""
+    values, vectors = np.linalg.eigh(np.asarray(G))
+    A = vectors * np.sqrt(np.maximum(values, 0.0))
+    return A, np.linalg.pinv(A) @ np.asarray(u, dtype=float)
+
+
+def energy(w):
+    return 0.5 * float(w @ w)

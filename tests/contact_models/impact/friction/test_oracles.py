@@ -11,9 +11,7 @@ import pytest
 from ffsm_mj.contact_models.impact.friction import impact_with_friction, stronge
 from ffsm_mj.contact_models.impact.friction.coulomb import CoulombProblem, coulomb
 from ffsm_mj.contact_models.impact.laws import FRICTIONLESS, _reflections, project
-from tests.contact_models.impact.friction.contacts import PENDULUM, energy, rod, rows
-from tests.contact_models.impact.friction.newton import newton_with_friction
-from tests.contact_models.impact.friction.problems import problem
+from tests.contact_models.impact.friction.problems import PENDULUM, energy, newton_with_friction, problem, rod, rows
 from tests.contact_models.impact.friction.test_one_contact import random_contact
 
 pin = pytest.importorskip("pinocchio")

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ffsm_mj.contact_models.impact.friction import impact_with_friction
+from ffsm_mj.contact_models.impact.friction import impact_with_friction, laws, result, routh, stronge
 from ffsm_mj.errors import UnsupportedContactError
-from tests.contact_models.impact.friction.contacts import box_inertia, energy, on_floor, rod, rows
-from tests.contact_models.impact.friction.problems import problem
+from tests.contact_models.impact.friction.problems import SPHERE, energy, problem, rod, rows
 
 LAWS = ["blend", "poisson"]
 
@@ -88,19 +87,6 @@ def test_a_tumbling_box_depends_on_the_law(law, after):
     np.testing.assert_allclose(result.w / root, after, atol=1e-9)
 
 
-@pytest.mark.parametrize("law", LAWS)
-def test_a_flat_box_slides_on_four_corners(law):
-    """Rank 6 of 12: the velocities are those of one contact, without spin."""
-    half = np.array([0.5, 0.3, 0.2])
-    A, root = on_floor(2.0, box_inertia(2.0, half), [(x, y, -0.2) for x in (-0.5, 0.5) for y in (-0.3, 0.3)])
-    w = root * np.array([0.5, 0, -1, 0, 0, 0])
-    result = impact_with_friction(A, w, np.full(4, 0.3), np.full(4, 0.5), law)
-    np.testing.assert_allclose(result.w / root, (0.05, 0, 0.5, 0, 0, 0), atol=1e-9)
-    np.testing.assert_allclose((A @ result.w)[::3], 0.5, atol=1e-9)
-    assert energy(result.w) - energy(w) == pytest.approx(-0.9975, abs=1e-9)
-    assert result.paths == ("slip",) * 4
-
-
 def checked(A, w, mu, e, law):
     """A result after all conditions that every impact must satisfy, with tolerances relative to speeds and energy."""
     result = impact_with_friction(A, w, mu, e, law)
@@ -150,14 +136,6 @@ def test_a_contact_without_friction_gets_no_tangential_impulse(law, rng):
         result = checked(A, w, mu, e, law)
         np.testing.assert_array_equal(result.impulses[0, 1:], 0.0)
         assert result.paths[0] == ""
-
-
-def test_one_contact_is_solved_by_stronge():
-    A, w = rows(rod(45), (-1, 1, 0))
-    for law in LAWS:
-        result = impact_with_friction(A, w, np.array([0.3]), np.array([0.5]), law)
-        assert result.law == "stronge"
-        np.testing.assert_allclose(A @ result.w, (0.4508414397, -0.0511208519, 0), atol=1e-9)
 
 
 def test_a_path_that_cannot_be_integrated_is_replaced_by_poisson(monkeypatch):
@@ -212,3 +190,129 @@ def test_a_contact_with_one_relative_motion_gets_the_impulse_of_least_norm(law):
     result = impact_with_friction(A, w, np.array([0.3, 0.2]), np.zeros(2), law)
     np.testing.assert_allclose(result.impulses[0], -(a @ w[:3]) / (a @ a) * d / (d @ d), atol=1e-9)
     np.testing.assert_allclose(A[:3] @ result.w, 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("family", [0, 2])
+def test_a_turned_scene_with_its_tangents_has_turned_velocities(law, family):
+    """A rotation leaves A A^T and A w unchanged: the difference is rounding, 1e-10 of the velocities."""
+    for seed in range(15):
+        rng = np.random.default_rng([5, seed])
+        A, w, mu, e = problem(rng, family)
+        turn = np.linalg.qr(rng.normal(size=(len(w), len(w))))[0]
+        there, turned = impact_with_friction(A, w, mu, e, law), impact_with_friction(A @ turn.T, turn @ w, mu, e, law)
+        np.testing.assert_allclose(turned.w, turn @ there.w, rtol=0, atol=1e-10 * np.abs(w).max())
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_order_and_tangents_do_not_matter_at_full_rank(law):
+    """Redundant contacts may have several solutions; at full rank there is one, found to 1e-9 of the speeds."""
+    for seed in range(25):
+        rng = np.random.default_rng([6, seed])
+        A, w, mu, e = problem(rng, 0)
+        order = rng.permutation(len(mu))
+        other = []
+        for i in order:
+            c, s = np.cos(angle := rng.uniform(0, 2 * np.pi)), np.sin(angle)
+            other.append(np.array([[1, 0, 0], [0, c, s], [0, -s, c]]) @ A[3 * i : 3 * i + 3])
+        here = impact_with_friction(A, w, mu, e, law)
+        there = impact_with_friction(np.concatenate(other), w, mu[order], e[order], law)
+        np.testing.assert_allclose(there.w, here.w, rtol=0, atol=1e-7 * np.abs(w).max())
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_the_same_arguments_give_the_same_bits(law):
+    for seed in range(6):
+        A, w, mu, e = problem(np.random.default_rng([8, seed]), seed % 3)
+        here, again = impact_with_friction(A, w, mu, e, law), impact_with_friction(A.copy(), w.copy(), mu, e, law)
+        np.testing.assert_array_equal(here.w, again.w)
+        np.testing.assert_array_equal(here.impulses, again.impulses)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("factor", [1e-6, 1e6])
+def test_units_do_not_matter(law, factor):
+    """Ten times the speed gives ten times the impulse: nothing in the solver has units."""
+    for seed in range(10):
+        A, w, mu, e = problem(np.random.default_rng([9, seed]), 0)
+        here, there = impact_with_friction(A, w, mu, e, law), impact_with_friction(A * 30.0, w * factor, mu, e, law)
+        np.testing.assert_allclose(there.w / factor, here.w, rtol=0, atol=1e-7 * np.abs(w).max())
+        assert energy(there.w) <= energy(w) * factor**2 * (1 + 1e-12)
+
+
+@pytest.mark.parametrize("seed", [4, 7])
+def test_an_approach_near_rounding_is_judged_alike_in_all_tangents(seed):
+    """A contact that drifts at 0.9e-10 of its slip takes part in the first elastic pass in all axes or in none."""
+    A = np.random.default_rng(seed).normal(size=(6, 6))
+    w = np.linalg.solve(A, [-0.9e-10, 1.0, 0.0, -0.1, 0.0, 0.2])
+    c = np.sqrt(0.5)
+    turned = np.kron(np.eye(2), [[1, 0, 0], [0, c, c], [0, -c, c]]) @ A
+    here, there = (
+        impact_with_friction(rows, w, np.array([0.3, 0.5]), np.array([0.0, 0.7]), "blend") for rows in (A, turned)
+    )
+    np.testing.assert_allclose(there.w, here.w, rtol=0, atol=1e-10 * np.abs(w).max())
+
+
+def test_contacts_that_rest_on_fast_bodies_converge():
+    """They approach at 3e-11 m/s; velocities of 1 m/s are known to 1e-16, more than 1e-9 of that."""
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        A = rng.normal(size=(6, 12))
+        free = rng.normal(size=12)
+        w = free - np.linalg.pinv(A) @ (A @ free - [-3e-11, 2e-12, 7e-12, -6e-12, 7e-12, -5e-12])
+        assert impact_with_friction(A, w, np.array([0.8, 0.2]), np.zeros(2), "blend").status == "ok"
+
+
+def wrong_sign(impulse, mu):
+    return result.clip_to_cone(impulse, mu) * (1, -1, -1)
+
+
+def test_friction_of_one_contact_with_the_wrong_sign(monkeypatch):
+    """The works along the path are not those of the impulse, so they miss the change of energy."""
+    A, w = rows(SPHERE, (-1, 0.72, 0.96))
+    assert stronge(A, w, 0.2, 0.5).status == "ok"
+    monkeypatch.setattr(routh, "clip_to_cone", wrong_sign)
+    assert stronge(A, w, 0.2, 0.5).status == "unconverged"
+    monkeypatch.undo()
+
+    def forward(self, problem):
+        return np.append(1.0, problem.mu * self.direction)
+
+    monkeypatch.setattr(routh.Path, "force", forward)
+    assert stronge(A, w, 0.2, 0.5).status == "unconverged"
+
+
+def test_friction_of_several_contacts_with_the_wrong_sign(monkeypatch):
+    A, _, w = spheres(1.0, 2.0)
+    mu, e = np.full(2, 0.2), np.ones(2)
+    assert impact_with_friction(A, w, mu, e, "blend").status == "ok"
+    monkeypatch.setattr(laws, "clip_to_cone", wrong_sign)
+    gains = impact_with_friction(A, w, mu, e, "blend")
+    assert energy(gains.w) > energy(w)
+    assert gains.status == "unconverged"
+    with pytest.raises(AssertionError):
+        checked(A, w, mu, e, "blend")
+
+
+def test_a_forgotten_guard(monkeypatch):
+    """Without the guard this case gains 2.86 % of its energy, and the last check of every result finds it."""
+    A, w, mu, e = gaining()
+    monkeypatch.setattr(laws._SeveralContacts, "gain", lambda *_: -1.0)
+    bare = impact_with_friction(A, w, mu, e, "poisson")
+    assert energy(bare.w) / energy(w) == pytest.approx(1.028609, abs=1e-6)
+    np.testing.assert_allclose((A @ bare.w)[[0, 1, 3, 4]], (4.971355, 0, 0.263994, 1.461663), atol=1e-6)
+    assert bare.theta == 1.0
+    assert bare.status == "unconverged"
+
+
+def test_plastic_contacts_get_no_restitution():
+    """Contacts with e = 0 end at rest along the normal although others bounce: a box on two edges, one of them smooth."""
+    A, _, w = box_on_edges((0.5, -1, 0))
+    for law in ("blend", "poisson"):
+        plastic = impact_with_friction(A, w, np.array([0.3, 0.0]), np.zeros(2), law)
+        np.testing.assert_allclose((A @ plastic.w)[::3], 0.0, atol=1e-12)
+    for seed in range(10):
+        A, w, mu, e = problem(np.random.default_rng([10, seed]), 0)
+        whole = impact_with_friction(A, w, mu, np.zeros(len(e)), "poisson")
+        assert whole.theta == 1.0
+        assert np.all((whole.impulses[:, 0] == 0.0) | (np.abs(A[::3] @ whole.w) <= 1e-9 * np.abs(A @ w).max()))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from ffsm_mj.contact_models import registry
-from tests.contact_models.persistent.friction.loads import Loads
+from tests.contact_models.persistent.friction.scenes import Loads
 
 
 @pytest.fixture(autouse=True)

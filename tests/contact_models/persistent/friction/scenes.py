@@ -2,6 +2,15 @@
 
 from __future__ import annotations
 
+import math
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from ffsm_mj.config import StrictModel
+from ffsm_mj.contact_models.interface import ContactModel, ForceSource
+from ffsm_mj.records.contact_forces import Wrench
 from tests.contact_models.impact.test_fixed import slab
 from tests.scenes import HEAD, ball, box, scene
 
@@ -10,7 +19,7 @@ EARTH = "slab/slab"
 
 
 def load(on, reaction=EARTH, **what):
-    """One load; see :class:`~tests.contact_models.persistent.friction.loads.LoadConfig`."""
+    """One load; see :class:`LoadConfig`."""
     return {"on": on, "reaction": reaction, **what}
 
 
@@ -131,3 +140,113 @@ def gripped(folder, tip, held, *, mu, grip_N, loads, step, duration, base_kg=8.0
 def thrust(*force_N, at_m=(0.0, 0.0, 0.0)):
     """An outside force on the base of a gripper: coefficients of the powers of time."""
     return load("robot/base", "anchor/anchor", force_N=list(force_N), at_m=list(at_m))
+
+
+Vector = tuple[float, float, float]
+Powers = Annotated[tuple[Vector, ...], Field(max_length=4)]
+
+
+class LoadConfig(StrictModel):
+    """A force and a torque on a body, and their reaction on another."""
+
+    on: str
+    """Geom or body on whose body the load acts."""
+    reaction: str
+    """Geom or body whose body takes the reaction; a fixed one makes it an outside load."""
+    at_m: Vector = (0.0, 0.0, 0.0)
+    """Where the force acts, in the frame of the body."""
+    force_N: Powers = ()
+    """Coefficients of 1, t, t^2, ... in N, N/s, ..."""
+    torque_N_m: Powers = ()
+    """The same of the torque."""
+    axes: str | None = None
+    """Body in whose axes the coefficients are; left out: world axes."""
+
+
+class LoadsConfig(StrictModel):
+    """Loads of a scene."""
+
+    kind: Literal["loads"]
+    loads: tuple[LoadConfig, ...]
+
+
+class Loads(ContactModel, ForceSource):
+    """Forces and torques that depend on time alone."""
+
+    kind = "loads"
+    Config = LoadsConfig
+    active = True
+
+    def __init__(self, config: LoadsConfig, scene: Any) -> None:
+        super().__init__(config, scene)
+        model = scene.system.mj
+        self._loads = [
+            (
+                _body(model, load.on),
+                _body(model, load.reaction),
+                np.array(load.at_m),
+                _powers(load.force_N),
+                _powers(load.torque_N_m),
+                None if load.axes is None else _body(model, load.axes),
+            )
+            for load in config.loads
+        ]
+
+    def wrenches(self, data):
+        found = []
+        for body, reaction, at, forces, torques, axes in self._loads:
+            turn = np.eye(3) if axes is None else data.xmat[axes].reshape(3, 3)
+            powers = data.time ** np.arange(4)
+            force, torque = turn @ (powers @ forces), turn @ (powers @ torques)
+            point = data.xpos[body] + data.xmat[body].reshape(3, 3) @ at
+            found += [Wrench(body, point, force, torque), Wrench(reaction, point, -force, -torque)]
+        return found
+
+
+def _powers(coefficients):
+    """Coefficients of the powers 0 to 3, (4, 3)."""
+    full = np.zeros((4, 3))
+    full[: len(coefficients)] = np.array(coefficients).reshape(-1, 3)
+    return full
+
+
+def _body(model: Any, name: str) -> int:
+    for geom in range(model.ngeom):
+        if model.geom(geom).name == name:
+            return int(model.geom_bodyid[geom])
+    return int(model.body(name).id)
+
+
+def heat(run):
+    """Heat of friction until the end, J."""
+    return float(run["balance.friction_heat_J"][-1])
+
+
+def final(run, column):
+    """Last values of all columns that begin so: ``q_robot_free`` is x, y, z and a quaternion, ``v_...`` six rates."""
+    keys = [key for key in run.keys if key.startswith(f"state.{column}")]
+    assert keys, f"no column begins with state.{column}"
+    return np.array([run[key][-1] for key in keys])
+
+
+def at(run, time_s, column):
+    """The same at a row."""
+    row = int(np.argmin(np.abs(run.time - time_s)))
+    assert abs(run.time[row] - time_s) < 1e-9
+    return np.array([run[key][row] for key in run.keys if key.startswith(f"state.{column}")])
+
+
+def yaw(run, column):
+    """Turn about z at the end, rad, of a body that turns about z, but for little."""
+    w, _, _, z = final(run, column)[3:]
+    return 2.0 * math.atan2(z, w)
+
+
+def slips(run):
+    """Times at which pairs begin to slip, s."""
+    return [record.time_s for record in run.records["contact_slips"]]
+
+
+def sticks(run):
+    """Times at which pairs begin to stick, s."""
+    return [record.time_s for record in run.records["contact_sticks"]]

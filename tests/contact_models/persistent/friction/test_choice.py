@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
-from scipy.optimize import nnls
+from scipy.optimize import brentq, nnls
 
+import ffsm_mj
 from ffsm_mj.contact_models.persistent.friction.choice import ModeChoice, NoModesError, PointStates
-from ffsm_mj.contact_models.persistent.friction.cones import cone_margin
-from ffsm_mj.contact_models.persistent.friction.internal_forces import least_use, wedged
+from ffsm_mj.contact_models.persistent.friction.cones import cone_depth, cone_margin, largest_margin
+from ffsm_mj.contact_models.persistent.friction.internal_forces import least_in_cones, least_use, wedged
 from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK, UNKNOWN
-from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
+from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, StageEquation
+from ffsm_mj.replay import replay_log
+from tests.contact_models.impact.friction.problems import problem
+from tests.contact_models.impact.friction.test_oracles import pinocchio_impulses
+from tests.contact_models.persistent.test_friction_seen import in_a_v, on_floor
+from tests.replays import proved
 
 
 def choice(G, b, mu, slip=(0.0, 0.0), *, present=UNKNOWN, direction=(0.0, 0.0), released=False):
@@ -137,3 +145,179 @@ def test_points_without_friction_solve_the_convex_problem(rng, kind):
         assert set(found.kinds.tolist()) <= {CLOSED, SLIDE}
         kept = states._replace(kinds=found.kinds)
         assert ModeChoice(FrictionProblem(G, b, np.zeros(k)), kept).choose().kinds.tolist() == found.kinds.tolist()
+
+
+ONE, EVERY = np.array([0]), np.arange(4)
+
+
+def slip_of_one(G, b, mu, p, c, angle):
+    """Slip that friction against a direction leads to: the normal force keeps the gap at rest."""
+    d = np.array((np.cos(angle), np.sin(angle)))
+    N = -b[0] / (G[0, 0] - mu * G[0, 1:] @ d)
+    return d, p + c * (b[1:] + N * (G[1:, 0] - mu * G[1:, 1:] @ d))
+
+
+@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("scale", [1e-12, 1e-6, 1.0])
+def test_one_point_with_its_normal_force(seed, scale):
+    """The direction is that of the slip it leads to, ``scale`` times c; the estimate is anywhere."""
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(3, 3))
+    G, mu, c = root @ root.T + 2.0 * np.eye(3), 0.3, 1e-3
+    angle, speed = rng.uniform(0, 2 * np.pi), scale * c
+    b = np.array((-rng.uniform(1.0, 9.0), *rng.normal(size=2)))
+    d, reached = slip_of_one(G, b, mu, np.zeros(2), c, angle)
+    p = speed * d - reached
+    problem = FrictionProblem(G, b, np.array([mu]))
+    start = rng.normal(size=2)
+    equation = StageEquation([problem], np.array([SLIDE]), ONE, p[None, None], np.array([[c]]))
+    (forces,), (found,) = equation.solve((start / np.linalg.norm(start))[None, None])
+
+    def turned(turn):
+        s, u = slip_of_one(G, b, mu, p, c, angle + turn)
+        return s[0] * u[1] - s[1] * u[0]
+
+    # Slips are known to 1e-16 m/s; friction against a turn, c mu N, is 1e-4 m/s at least, however slow the slip.
+    exact = angle + brentq(turned, -1e-3, 1e-3, xtol=1e-16)
+    assert found[0] == pytest.approx([np.cos(exact), np.sin(exact)], abs=1e-12)
+    assert forces[0, 1:] == pytest.approx(-mu * forces[0, 0] * found[0], rel=1e-14)
+
+
+def on_four_corners(pull):
+    """A block of 1 kg under 10 N that a force in the plane of its corners pulls."""
+    corners = [(x, y, 0.0) for x in (-0.2, 0.2) for y in (-0.1, 0.1)]
+    rows = np.vstack([np.hstack((np.eye(3)[[2, 0, 1]], np.cross(each, np.eye(3)[[2, 0, 1]]))) for each in corners])
+    inverse = np.diag([1.0, 1.0, 1.0, 100.0, 50.0, 40.0])
+    return FrictionProblem(rows @ inverse @ rows.T, rows @ np.array((*pull, -10.0, 0.0, 0.0, 0.0)), np.full(4, 0.3))
+
+
+def begins(problem):
+    """The equation of points that begin to slip: for the directions of their accelerations."""
+    return StageEquation([problem], np.full(4, SLIDE), EVERY, np.zeros((1, 4, 2)), np.eye(1))
+
+
+@pytest.mark.parametrize("excess", [3e-9, 1e-6, 1e-3, 1.0])
+@pytest.mark.parametrize("off", [1e-8, 1e-3, 1.0])
+def test_points_that_share_a_load_break_away_along_the_pull(excess, off):
+    """By f = pull - mu N: from an estimate of the direction that is off by more than the excess over the limit."""
+    problem = on_four_corners(((3.0 + excess) * 0.6, (3.0 + excess) * 0.8))
+    estimate = np.tile((0.6 * np.cos(off) - 0.8 * np.sin(off), 0.6 * np.sin(off) + 0.8 * np.cos(off)), (4, 1))
+    (forces,), _ = begins(problem).solve(estimate[None])
+    accelerations = (problem.b + problem.G @ forces.ravel()).reshape(4, 3)
+    # Sums of twelve forces of up to 3 N, whose accelerations cancel by 200 times as much.
+    np.testing.assert_allclose(accelerations[:, 1:], excess * np.tile((0.6, 0.8), (4, 1)), atol=3e-13)
+    np.testing.assert_allclose(forces.sum(axis=0)[1:], (-1.8, -2.4), atol=1e-13)
+
+
+def test_there_is_no_slip_inside_the_limit():
+    problem = on_four_corners((2.9, 0.0))
+    estimate = np.tile((1.0, 0.0), (4, 1))
+    assert begins(problem).solve(estimate[None]) is None
+
+
+@pytest.mark.parametrize(
+    ("kinds", "pinned"),
+    [
+        ((STICK, STICK, SLIDE, SLIDE), (False, False, True, True)),
+        ((STICK, CLOSED, SLIDE, CLOSED), (False,) * 4),  # it turns about the one that sticks
+        ((SLIDE, SLIDE, SLIDE, SLIDE), (False,) * 4),
+    ],
+)
+def test_a_point_of_a_body_that_sticks_at_two_others_cannot_slip(kinds, pinned):
+    assert on_four_corners((1.0, 0.0)).pinned(np.array(kinds)).tolist() == list(pinned)
+
+
+pytest.importorskip("pinocchio")
+
+
+def chosen(G, b, mu):
+    """The solution in the modes chosen for points without slip."""
+    k = len(mu)
+    still = np.zeros(k, dtype=bool)
+    rounding = np.full(k, 1e-12)
+    states = PointStates(np.zeros((k, 2)), still, np.full(k, UNKNOWN), np.zeros((k, 2)), rounding, released=False)
+    return ModeChoice(FrictionProblem(G, b, mu), states).choose()
+
+
+def test_accelerations_of_contacts_at_rest_are_pinocchios():
+    """Independent rows, where the forces are unique: accelerations to 1e-8; the solver stops at 1e-11 of its own units.
+
+    The problem at the accelerations is that of a plastic impact: stick, slip or lift off of 2 to 6 points.
+    """
+    compared, modes = 0, set()
+    for seed in range(40):
+        A, w, mu, _ = problem(np.random.default_rng([11, seed]), 0)
+        G, b = A @ A.T, A @ w
+        ours, theirs = chosen(G, b, mu), pinocchio_impulses("ADMM", G, b, mu)
+        if theirs is None:
+            continue
+        reached = (b + G @ theirs.ravel()).reshape(-1, 3)
+        np.testing.assert_allclose(ours.accelerations, reached, rtol=0, atol=1e-8 * np.abs(b).max())
+        np.testing.assert_allclose(ours.forces, theirs, rtol=0, atol=1e-7 * np.abs(theirs).max(initial=1.0))
+        modes |= set(ours.kinds.tolist())
+        compared += 1
+    assert compared >= 25
+    assert modes == {CLOSED, SLIDE, STICK}
+
+
+def problems(count):
+    """Forces outside their cones, forces without effect, and coefficients, where others are inside."""
+    rng = np.random.default_rng(1)
+    while count:
+        k = int(rng.integers(2, 9))
+        mu = rng.uniform(0.1, 1.2, k)
+        freedom = np.linalg.qr(rng.normal(size=(3 * k, int(rng.integers(1, 3 * k - 4)))))[0]
+        given = np.column_stack((rng.uniform(0.1, 1.0, k), 0.3 * rng.normal(size=(k, 2)))).ravel()
+        given = (given - freedom @ (freedom.T @ given)).reshape(-1, 3)
+        if cone_depth(given, mu) < 0.0 <= largest_margin(given, freedom, mu)[0]:
+            count -= 1
+            yield given, freedom, mu
+
+
+def test_shares_have_the_effect_are_inside_the_cones_and_of_least_norm():
+    rng = np.random.default_rng(2)
+    for given, freedom, mu in problems(30):
+        unit = np.abs(given).max()
+        found = least_in_cones(given, freedom, mu)
+        change = (found - given).ravel()
+        assert np.abs(change - freedom @ (freedom.T @ change)).max() < 1e-10 * unit
+        assert cone_depth(found, mu) > -2e-9 * unit  # the cones are larger by 1e-9 of the largest force
+        inside = largest_margin(given, freedom, mu)[1]
+        # No step to others inside the cones reduces the norm: to those of the largest margin, and from there to random ones.
+        directions = [
+            np.zeros((len(mu), 3)),
+            *((freedom @ rng.normal(size=freedom.shape[1])).reshape(-1, 3) for _ in range(5)),
+        ]
+        for other in (inside + direction for direction in directions):
+            share = 1.0
+            while cone_depth(inside + share * (other - inside), mu) < 0.0:
+                share *= 0.5
+            feasible = inside + share * (other - inside)
+            assert np.sum(found * (feasible - found)) > -1e-8 * unit**2
+
+
+def test_a_ball_pressed_into_a_v_is_logged_with_forces_on_its_cones(tmp_path):
+    """Half-angle 30 degrees, mu = 0.5, 1 N: equal springs give t / n = 1.73; inside the cones the least norm has t = n / 2.
+
+    Along the load n sin 30 + t cos 30 = 1/2 at each side.
+    """
+    run = proved(ffsm_mj.run(in_a_v(tmp_path, 0.5, math.radians(30.0), (0.0, -1.0))))
+    normal = 0.5 / (0.5 + 0.5 * math.sqrt(0.75))
+    np.testing.assert_allclose(run["contact.groove_friction_N"], normal, rtol=1e-8)
+    np.testing.assert_allclose(run["contact.groove_force_N"], 2.0 * normal * math.hypot(1.0, 0.5), rtol=1e-8)
+
+
+def failures(log):
+    """Names of checks that fail by the states of a log."""
+    return {check.name for check in replay_log(log).checks() if not check.passes}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("mu", [0.19, 0.21])
+def test_points_that_stick_outside_their_cones_fail_a_check(tmp_path, monkeypatch, mu):
+    """A box on a slope of 1 in 5, with code that never lets it slip: of mu = 0.19 it needs more than there is."""
+    slope = {"geom": 'type="box" size=".5 .4 .1"', "height": 0.1, "gravity": (-0.2, 0.0, -1.0), "duration_s": 0.02}
+    monkeypatch.setattr(ModeChoice, "stick_margin", lambda *_: 1.0)
+    run = ffsm_mj.run(on_floor(tmp_path, mu=mu, **slope))
+    assert set(run["contact.sole_mode"]) == {3.0}
+    assert failures(run.log) == ({"contact complementarity"} if mu < 0.2 else set())

@@ -8,8 +8,19 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from tests.contact_models.persistent.friction.reading import at, final, heat, slips, sticks
-from tests.contact_models.persistent.friction.scenes import block, load, loaded, on_slab, sphere, steps
+from tests.contact_models.persistent.friction.scenes import (
+    at,
+    block,
+    final,
+    heat,
+    load,
+    loaded,
+    on_slab,
+    slips,
+    sphere,
+    steps,
+    sticks,
+)
 from tests.replays import proved
 from tests.scenes import HEAD, ball, scene
 
@@ -80,66 +91,6 @@ def test_a_foot_breaks_away_from_a_free_plate(tmp_path, step):
     assert np.abs(run["state.v_foot_x_m_s"][before]).max() <= 1e-14
 
 
-@pytest.mark.parametrize(("mu", "slides"), [(0.99, True), (1.01, False)])
-def test_a_probe_pressed_on_a_face_at_45_degrees(tmp_path, mu, slides):
-    """It slides along the face if and only if mu < tan 45: at (1 - mu) / sqrt 2 of its force."""
-    face = f"""<mujoco>{HEAD}<worldbody><geom name="slab" type="box" size="2 2 0.5" euler="0 45 0"
-      pos="{-0.5 * math.sin(math.pi / 4)} 0 {-0.5 * math.cos(math.pi / 4)}"/></worldbody></mujoco>"""
-    path = scene(
-        tmp_path,
-        ball("probe", mass=2.0, joints="xz"),
-        {"slab": face},
-        fixed={"slab": {}},
-        initial={"joints": {"robot/x": 0.1 * math.sin(math.pi / 4), "robot/z": 0.1 * math.cos(math.pi / 4)}},
-        contacts={"rules": [{"between": ["probe", "slab/slab"], "restitution": 0.0, "mu": mu}]},
-        contact_models=loaded(load("robot/probe", force_N=[[0, 0, -2]])),
-        **steps(4e-3, 0.4),
-    )
-    run = proved(ffsm_mj.run(path))
-    speed = (1.0 - mu) / math.sqrt(2) * 0.4 if slides else 0.0
-    down = speed / math.sqrt(2)
-    assert [*final(run, "v_robot_x"), *final(run, "v_robot_z")] == pytest.approx([down, -down], abs=1e-12)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("pull", [0.0, 5.0, 3.0])
-def test_a_sliding_block(tmp_path, pull):
-    """10 N of weight, mu 0.4: pulled with 5 N it gains 1 m/s^2, with 3 N it loses 1 m/s^2 and stays at rest once it is."""
-    path = block(
-        tmp_path,
-        mu=0.4,
-        velocity=(0.5, 0.0, 0.0),
-        weight=10.0,
-        step=0.01,
-        duration=0.6,
-        loads=[load("robot/box", force_N=[[pull, 0, 0]], at_m=[0, 0, -0.05])],
-    )
-    run = proved(ffsm_mj.run(path))
-    gain = pull - 4.0
-    time = 0.6 if gain > 0.0 else min(0.6, 0.5 / -gain)
-    assert final(run, "v_robot_free_vx")[0] == pytest.approx(0.5 + gain * time, abs=1e-12)
-    assert final(run, "q_robot_free_x")[0] == pytest.approx(0.5 * time + 0.5 * gain * time**2, abs=1e-12)
-    assert heat(run) == pytest.approx(4.0 * (0.5 * time + 0.5 * gain * time**2), abs=1e-12)
-    assert sticks(run) == ([] if gain > 0.0 else [pytest.approx(time, abs=2e-9)])
-
-
-@pytest.mark.parametrize(("slope", "sticks_there"), [(0.29, True), (0.31, False)])
-def test_a_block_on_a_slope(tmp_path, slope, sticks_there):
-    """A side load of a share of the weight, at the foot: it rests for less than mu = 0.3."""
-    path = block(
-        tmp_path,
-        mu=0.3,
-        velocity=(0.0, 0.0, 0.0),
-        weight=10.0,
-        step=0.01,
-        duration=0.3,
-        loads=[load("robot/box", force_N=[[10 * slope * 0.6, 10 * slope * 0.8, 0]], at_m=[0, 0, -0.05])],
-    )
-    run = proved(ffsm_mj.run(path))
-    speed = 0.0 if sticks_there else 10 * (slope - 0.3) * 0.3
-    np.testing.assert_allclose(final(run, "v_robot_free")[:2], [0.6 * speed, 0.8 * speed], atol=1e-11)
-
-
 def test_a_block_taller_than_friction_tips(tmp_path):
     """Pushed at its top with 3 N of 10 N weight, mu 0.5: it sticks, and tips where the push has the longer arm.
 
@@ -166,3 +117,54 @@ def test_a_block_taller_than_friction_tips(tmp_path):
         assert not slips(run)
         if not tips:  # 3 N of mu W = 5 N, however the load is shared; margins are known to 1e-14 of the forces
             np.testing.assert_allclose(run["contact.foot_friction_use"], 0.6, atol=1e-11)
+
+
+def thrown(folder, interval):
+    """The sphere comes down sliding and spinning backwards, bounces with e = 0.5, and slides until it rolls."""
+    return sphere(
+        folder,
+        mu=0.05,
+        velocity=(1, 0, -1),
+        spin=(0, -0.5, 0),
+        step=0.04,
+        duration=8.0,
+        restitution=0.5,
+        impact={"rest_interval_s": interval},
+    )
+
+
+@pytest.mark.parametrize(
+    ("interval", "impacts", "entry"),
+    [
+        (1e-2, 8, 1.984375),
+        pytest.param(1e-3, 11, 1.998046875, marks=pytest.mark.long),
+        pytest.param(1e-4, 15, 1.9998779296875, marks=pytest.mark.long),
+    ],
+)
+def test_a_thrown_sphere_ends_up_rolling(tmp_path, interval, impacts, entry):
+    """The speed is 5/7 v0 + 2/7 R w0 however often it bounces."""
+    run = proved(ffsm_mj.run(thrown(tmp_path, interval)))
+    assert len(run.impacts) == impacts
+    assert run.impacts[-1].time_s == pytest.approx(entry, abs=1e-9)
+    assert all(impact.energy_change_J < 0.0 for impact in run.impacts)
+    speed = 5 / 7 - 2 / 7 * 0.5
+    np.testing.assert_allclose(final(run, "v_robot_free"), [speed, 0, 0, 0, speed, 0], atol=1e-10)
+    assert final(run, "q_robot_free_x")[0] == pytest.approx(6.004591836735, abs=1e-9)
+    assert sticks(run) == [pytest.approx(53 / 7, abs=1e-7)]
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.5])
+def test_a_block_that_lands_flat_slides_to_rest(tmp_path, restitution):
+    """On four corners at once, bouncing or not: friction takes mu times the normal impulse, which gravity and fall give."""
+    path = block(
+        tmp_path,
+        mu=0.1,
+        velocity=(1.0, 0.0, -0.5),
+        step=0.05,
+        duration=2.5,
+        restitution=restitution,
+        impact={"rest_interval_s": 1e-2},
+    )
+    run = proved(ffsm_mj.run(path))
+    # Impacts give 0.5 (1 + e) (1 + e + e^2 ...) N s and flights nothing, rest 1 N: in all 1 N times the time and 0.5 N s.
+    assert final(run, "v_robot_free")[0] == pytest.approx(1.0 - 0.1 * (0.5 + 2.5), abs=1e-10)

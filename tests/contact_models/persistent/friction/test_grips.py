@@ -9,8 +9,18 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from tests.contact_models.persistent.friction.reading import final, heat, slips
-from tests.contact_models.persistent.friction.scenes import BALL_TIP, PAD, PLATE, cube, gripped, load, thrust
+from tests.contact_models.persistent.friction.scenes import (
+    BALL_TIP,
+    PAD,
+    PLATE,
+    cube,
+    final,
+    gripped,
+    heat,
+    load,
+    slips,
+    thrust,
+)
 from tests.replays import proved
 from tests.scenes import HEAD
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from tests.contact_models.persistent.friction.reading import final, slips
-from tests.contact_models.persistent.friction.scenes import block, load, on_slab
+from tests.contact_models.persistent.friction.scenes import block, final, load, on_slab, slips
 from tests.replays import proved
 from tests.scenes import ball
 

@@ -9,8 +9,7 @@ import pytest
 
 import ffsm_mj
 from tests.contact_models.impact.test_fixed import slab
-from tests.contact_models.persistent.friction.reading import final, heat
-from tests.contact_models.persistent.friction.scenes import PLATE, cube, gripped, load, loaded, steps
+from tests.contact_models.persistent.friction.scenes import PLATE, cube, final, gripped, heat, load, loaded, steps
 from tests.replays import proved
 from tests.scenes import box, scene
 

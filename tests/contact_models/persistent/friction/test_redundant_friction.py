@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from tests.contact_models.persistent.friction.reading import final, heat, slips, yaw
-from tests.contact_models.persistent.friction.scenes import load, loaded, steps
+from tests.contact_models.persistent.friction.scenes import final, heat, load, loaded, slips, steps, yaw
 from tests.contact_models.persistent.test_closed_forms import wedge
 from tests.replays import proved
 from tests.scenes import ball, box, scene

@@ -9,8 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import ffsm_mj
-from tests.contact_models.persistent.friction.reading import at, final, heat, slips, sticks, yaw
-from tests.contact_models.persistent.friction.scenes import block, pulled, sphere
+from tests.contact_models.persistent.friction.scenes import at, block, final, heat, pulled, slips, sphere, sticks, yaw
 from tests.replays import proved
 
 LONG_STEPS = [1e-3, 5e-4]

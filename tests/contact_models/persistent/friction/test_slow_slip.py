@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from tests.contact_models.persistent.friction.reading import final, sticks
-from tests.contact_models.persistent.friction.scenes import block, load, pulled, sphere
+from tests.contact_models.persistent.friction.scenes import block, final, load, pulled, sphere, sticks
 from tests.replays import proved
 
 PSI = 2.5

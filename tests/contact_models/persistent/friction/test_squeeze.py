@@ -12,8 +12,7 @@ from ruamel.yaml import YAML
 
 import ffsm_mj
 from ffsm_mj.scenario.shipped import scenarios_dir
-from tests.contact_models.persistent.friction.reading import slips
-from tests.contact_models.persistent.friction.scenes import load, loaded
+from tests.contact_models.persistent.friction.scenes import load, loaded, slips
 from tests.replays import assert_passes, proved
 from tests.scenes import ball, compile_paths
 

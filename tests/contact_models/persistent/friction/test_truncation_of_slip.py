@@ -11,8 +11,7 @@ from ffsm_mj.cli.main import main
 from ffsm_mj.contact_models.persistent import closed_contacts
 from ffsm_mj.replay import explain, replay_log
 from ffsm_mj.replay.truncation import AnalysisLimits, analyze_truncation
-from tests.contact_models.persistent.friction.reading import sticks
-from tests.contact_models.persistent.friction.scenes import block, pulled
+from tests.contact_models.persistent.friction.scenes import block, pulled, sticks
 from tests.contact_models.persistent.friction.test_random_friction import rubbed
 from tests.contact_models.persistent.random_pushes import LAWS
 from tests.replays import proved

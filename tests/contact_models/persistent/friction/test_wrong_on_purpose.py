@@ -1,4 +1,4 @@
-"""Wrong friction put in on purpose fails closed forms, and replays of its logs with the right code do not agree."""
+"""Wrong code of contacts put in on purpose: a replay of its logs with the right code finds forces that cannot be."""
 
 from __future__ import annotations
 
@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.contact_models.persistent import closed_contacts
+from ffsm_mj.contact_models.persistent.closed_contacts import ClosedContacts
 from ffsm_mj.contact_models.persistent.friction import choice
 from ffsm_mj.contact_models.persistent.friction.modes import SLIDE, STICK
-from tests.contact_models.persistent.friction import test_closed_forms as closed_forms
-from tests.contact_models.persistent.friction import test_slip_in_space as slip_in_space
-from tests.contact_models.persistent.friction.reading import final
-from tests.contact_models.persistent.friction.scenes import BALL_TIP, block, cube, gripped, load, sphere, thrust
-from tests.contact_models.persistent.test_wrong_on_purpose import faults, judged
+from ffsm_mj.replay import replay_log
+from tests.contact_models.persistent.friction.scenes import BALL_TIP, block, cube, gripped, load, thrust
+from tests.scenes import self_hit
 
 
 def freed_one_at_a_time(monkeypatch):
@@ -32,52 +30,16 @@ def freed_one_at_a_time(monkeypatch):
     monkeypatch.setattr(choice.ModeChoice, "_solved", wrong)
 
 
-def explicit_stages(monkeypatch):
-    """All stages are explicit, however fast friction turns the slip."""
-    right = closed_contacts.step_rule
-    monkeypatch.setattr(
-        closed_contacts, "step_rule", lambda *given: right(*given)._replace(limit_s=given[2], implicit=False)
-    )
+def never_detected_again(monkeypatch):
+    """A face goes on for ever: what is held beyond its edge touches nothing."""
+    slack = ClosedContacts.witness_value
 
+    def blind(self, **exact):
+        rows = self.decide().rows if self.contact_points else None
+        return slack(self, **exact) if rows is None or min(at.inside for at in rows.states) > 0.0 else 1.0
 
-def sliding_block(tmp_path):
-    closed_forms.test_a_sliding_block(tmp_path, 0.0)
-
-
-def spinning_roller(tmp_path):
-    """For 0.02 s, in which a mistake turns its velocity by milliradians."""
-    run = ffsm_mj.run(sphere(tmp_path, mu=5.0, velocity=(0.5, 0, 0), spin=(0, 0.5, 5), step=4e-3, duration=0.02))
-    np.testing.assert_allclose(final(run, "v_robot_free")[:3], [0.5, 0, 0], atol=1e-12)
-
-
-def spinning_block(tmp_path):
-    slip_in_space.test_a_block_slides_and_spins_on_four_corners(tmp_path, 4e-3)
-
-
-def curving_foot(tmp_path):
-    slip_in_space.test_a_foot_breaks_away_along_a_curve(tmp_path, 4e-3)
-
-
-def test_a_spinning_roller_goes_straight_on(tmp_path):
-    spinning_roller(tmp_path)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("mistake", "noticed_by"),
-    [
-        (explicit_stages, curving_foot),
-    ],
-)
-def test_a_mistake_fails_a_closed_form(tmp_path, monkeypatch, mistake, noticed_by):
-    mistake(monkeypatch)
-    with pytest.raises(AssertionError):
-        noticed_by(tmp_path)
-
-
-def slides(folder):
-    """A block that slides and spins on its corners."""
-    return block(folder, mu=0.3, velocity=(0.6, 0.2, 0.0), spin=4.0, step=4e-3, duration=0.02)
+    monkeypatch.setattr(ClosedContacts, "pairs_outside_feature", lambda _: [])
+    monkeypatch.setattr(ClosedContacts, "witness_value", blind)
 
 
 def breaks_away(folder):
@@ -86,37 +48,32 @@ def breaks_away(folder):
     return block(folder, mu=0.3, velocity=(0, 0, 0), weight=10.0, step=4e-3, duration=0.02, loads=[pull])
 
 
-def rolls(folder):
-    """A sphere that rolls and spins."""
-    return sphere(folder, mu=5.0, velocity=(0.5, 0, 0), spin=(0, 0.5, 5), step=4e-3, duration=0.02)
-
-
 def pulled_out(folder):
     """A cube between two balls, which the thrust of their base pulls off it."""
     held = cube(2.0, 0.05, 0.004)
     return gripped(folder, BALL_TIP, held, mu=0.4, grip_N=5.0, loads=[thrust((0, 0, 36))], step=4e-3, duration=0.02)
 
 
-@pytest.mark.parametrize("scene", [slides, breaks_away, pulled_out, rolls])
-def test_right_code_is_good(tmp_path, scene):
-    run = ffsm_mj.run(scene(tmp_path))
-    assert faults(run) == judged(run) == set()
+def slid(folder):
+    """A tip slides over an edge of its own hull."""
+    press = {"kind": "pd", "joints": ["elbow"], "kp": 4.0, "kd": 2.0, "target": [3.0]}
+    phases = [{"name": "press", "until": "end", "controller": press}]
+    return self_hit(folder, restitution=0.3, phases=phases, duration_s=1.7)
 
 
-FORCES = {"contact complementarity"}
+def judged(run):
+    """Names of the checks that fail by the states, with whatever code is in now."""
+    return {check.name for check in replay_log(run.log).checks() if not check.passes}
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("mistake", "scene", "by_the_log", "by_the_states"),
-    [
-        (freed_one_at_a_time, breaks_away, set(), FORCES),
-        (freed_one_at_a_time, pulled_out, set(), FORCES),
-    ],
+    ("mistake", "scene"),
+    [(freed_one_at_a_time, breaks_away), (freed_one_at_a_time, pulled_out), (never_detected_again, slid)],
 )
-def test_a_mistake_is_noticed_in_the_log(tmp_path, monkeypatch, mistake, scene, by_the_log, by_the_states):
+def test_a_mistake_is_noticed_in_the_log(tmp_path, monkeypatch, mistake, scene):
     with monkeypatch.context() as wrong:
         mistake(wrong)
         run = ffsm_mj.run(scene(tmp_path))
-        assert faults(run) == by_the_log
-    assert by_the_states <= judged(run)
+    assert "contact complementarity" in judged(run)
+    assert judged(ffsm_mj.run(scene(tmp_path))) == set()
