@@ -70,17 +70,6 @@ def test_the_documented_example_runs(tmp_path, example):
     assert ffsm_mj.load_run(out).summary()["controller"]["phases"][0]["reports"] == {}
 
 
-@pytest.mark.long
-def test_a_broken_plugin_harms_only_who_asks_for_it(tmp_path):
-    environment = install(tmp_path, "broken_laws", "import nothing_like_this\n", "broken = broken_laws:Law")
-    assert ffsm(environment, "check", "baseline").returncode == 0
-    done = ffsm(environment, "check", "baseline", "-s", "phases.1.controller={kind: broken}")
-    assert done.returncode == 2
-    (line,) = done.stderr.strip().splitlines()
-    assert "the plugin for kind 'broken' cannot be used (ModuleNotFoundError: No module named 'nothing_like_this')" in line
-    assert "usable: off, pd, osdre, free_flying" in line
-
-
 UNKNOWN_TYPE = """
 from typing import Literal
 
@@ -97,20 +86,24 @@ class Law:
 
 
 @pytest.mark.long
-def test_a_plugin_whose_config_cannot_be_built_harms_only_who_asks_for_it(tmp_path):
-    environment = install(tmp_path, "broken_laws", UNKNOWN_TYPE, "broken = broken_laws:Law")
+@pytest.mark.parametrize(
+    ("code", "message"),
+    [
+        ("import nothing_like_this\n", "cannot be used (ModuleNotFoundError: No module named 'nothing_like_this')"),
+        (UNKNOWN_TYPE, "cannot be used (Pydantic"),
+        ("class Law: pass\n", "broken_laws:Law has no class attribute Config"),
+    ],
+    ids=["cannot be imported", "config cannot be built", "no config"],
+)
+def test_a_broken_plugin_harms_only_who_asks_for_it(tmp_path, code, message):
+    environment = install(tmp_path, "broken_laws", code, "broken = broken_laws:Law")
     assert ffsm(environment, "check", "baseline").returncode == 0
     done = ffsm(environment, "check", "baseline", "-s", "phases.1.controller={kind: broken}")
     assert done.returncode == 2
-    assert "the plugin for kind 'broken' cannot be used (Pydantic" in done.stderr
-
-
-@pytest.mark.long
-def test_a_plugin_without_a_config_is_named(tmp_path):
-    environment = install(tmp_path, "bare_laws", "class Law: pass\n", "bare = bare_laws:Law")
-    done = ffsm(environment, "check", "baseline", "-s", "phases.1.controller={kind: bare}")
-    assert done.returncode == 2
-    assert "bare_laws:Law has no class attribute Config" in done.stderr
+    (line,) = done.stderr.strip().splitlines()
+    assert message in line
+    assert "the plugin for kind 'broken'" in line
+    assert "usable: off, pd, osdre, free_flying" in line
 
 
 @pytest.mark.long
@@ -163,3 +156,40 @@ def test_an_entry_point_with_the_name_of_a_built_in_class_is_refused(tmp_path, g
     assert done.returncode == 2
     (line,) = done.stderr.strip().splitlines()
     assert f"{message} cannot be used (same_names:Law has the name of a built-in " in line
+
+
+LIBRARY = """
+import controllers, ffsm_controllers, ffsm_mj
+assert controllers.MINE == 42
+assert "off" in ffsm_controllers.kinds().classes
+print(ffsm_mj.run("baseline", {"duration_s": 0.01}).outcome)
+"""
+
+
+@pytest.fixture
+def python(tmp_path):
+    """Runs Python where a folder ``controllers`` comes before everything that is installed."""
+    (tmp_path / "controllers").mkdir()
+    (tmp_path / "controllers" / "__init__.py").write_text("MINE = 42\n")
+
+    def run(*arguments):
+        environment = os.environ | {"PYTHONPATH": str(tmp_path)}
+        command = [sys.executable, *arguments]
+        return subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=False)
+
+    return run
+
+
+@pytest.mark.long
+def test_the_library_and_the_users_package_side_by_side(python):
+    done = python("-c", LIBRARY)
+    assert (done.returncode, done.stdout) == (0, "completed\n"), done.stderr
+
+
+@pytest.mark.long
+def test_the_commands(python, tmp_path):
+    assert python("-m", "ffsm_mj.cli.main", "check", "baseline").returncode == 0
+    changes = ("-s", "duration_s=0.01", "--no-rerun", "--out", "out")
+    done = python("-m", "ffsm_mj.cli.main", "run", "baseline", *changes)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "out" / "run.mcap").is_file()

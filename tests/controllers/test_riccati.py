@@ -71,26 +71,6 @@ def exact(A, S, Q, start):
         return np.array([[float(K[i, j]) for j in range(n)] for i in range(n)])
 
 
-@pytest.mark.long(one_of=3)
-@pytest.mark.slow
-@pytest.mark.parametrize("ratio", [1.0, 0.1, 0.01])
-def test_against_forty_digits(ratio, rng):
-    """1e-12 relative down to sigma_min / sigma_max = 1e-2; S is squared there, 1e-16 / 1e-4 is what doubles allow."""
-    for _ in range(8):
-        A21, A22, B2, Q = problem(rng, ratio)
-        A, B = wide(A21, A22, B2)
-        start = solve_continuous_are(A, B, Q, np.eye(3))
-        S = B2 @ B2.T
-        K = exact(A, np.pad(S, ((2, 0), (2, 0))), Q, start)
-        solver = planar_riccati(Q)
-        solved(solver, A21, A22, S)
-        P2, P3, residual, fallback = solved(solver, A21, A22, S)
-        assert not fallback
-        assert residual <= ACCEPTED_RESIDUAL
-        error = max(np.abs(P2 - K[:2, 2:]).max(), np.abs(P3 - K[2:, 2:]).max())
-        assert error <= 1e-12 * np.abs(K).max()
-
-
 def assert_exact(problem, Q, blocks):
     """1e-12 of the largest entry, against 40 digits."""
     A21, A22, S = problem
@@ -108,12 +88,12 @@ def assert_exact(problem, Q, blocks):
     assert error <= 1e-12 * max(np.abs(true[:2, 2:]).max(), np.abs(true[2:, 2:]).max())
 
 
-@pytest.mark.long(by_turns=True)
-@pytest.mark.parametrize("hundred", range(20))
-def test_thousands_against_forty_digits(hundred):
-    """Warm solutions down to sigma_min / sigma_max = 1e-2."""
-    rng = np.random.default_rng([20240601, hundred])
-    for _ in range(100):
+@pytest.mark.long(one_of=100)
+@pytest.mark.parametrize("score", range(100))
+def test_thousands_against_forty_digits(score):
+    """1e-12 relative of warm solutions, down to sigma_min / sigma_max = 1e-2: S is squared there, 1e-16 / 1e-4 is left."""
+    rng = np.random.default_rng([20240601, score])
+    for _ in range(20):
         A21, A22, B2, Q = problem(rng, 10.0 ** rng.uniform(-2, 0))
         *given, axes = along(A21, A22, B2 @ B2.T)
         solver = planar_riccati(Q)

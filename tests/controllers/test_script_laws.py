@@ -145,12 +145,6 @@ def test_a_recipe_with_a_law_of_a_script_can_be_pickled():
     np.testing.assert_array_equal(again.run().log.rows, recipe.run().log.rows)
 
 
-def test_laws_that_are_not_asked_for_leave_no_trace(tmp_path):
-    run = ffsm_mj.run("coasting", {"duration_s": 0.01}, controllers={"mine": Damp}, out=tmp_path / "run", rerun=False)
-    assert run.outcome == "completed"
-    assert "script_laws" not in (tmp_path / "run" / "scenario.yaml").read_text()
-
-
 @pytest.mark.parametrize(
     ("laws", "fault"),
     [

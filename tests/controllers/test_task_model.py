@@ -84,71 +84,6 @@ def free_of_momentum(system, data, qd, joints):
     return qvel
 
 
-def moved(system, qpos, rates, model, duration_s, step_s):
-    """Configuration after moving the driven joints by a law of the task model's kinematics, fourth-order Runge-Kutta."""
-    data = mujoco.MjData(system.mj)
-
-    def slope(q):
-        data.qpos[:] = q
-        mujoco.mj_forward(system.mj, data)
-        model.update(data)
-        return free_of_momentum(system, data, rates(model, data), model.joints.dofs)
-
-    for _ in range(round(duration_s / step_s)):
-        k1 = slope(qpos)
-        k2 = slope(qpos + 0.5 * step_s * k1)
-        k3 = slope(qpos + 0.5 * step_s * k2)
-        k4 = slope(qpos + step_s * k3)
-        qpos = qpos + step_s / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-    model.update(at(system.mj, qpos))
-    return qpos
-
-
-def test_the_tip_goes_along_a_line(planar):
-    """T1: at 0.2 m/s towards the target for 8 s by alpha^+ alone; off the line by the error of the steps, of order 4."""
-    system, qpos, context = planar
-    model = TaskModel(context)
-    model.update(at(system.mj, qpos))
-    start, way = model.y, -model.e / np.linalg.norm(model.e)
-    off = []
-    for step_s in (0.1, 0.05):
-        end = moved(system, qpos, lambda each, _: np.linalg.pinv(each.alpha) @ (0.2 * way), model, 8.0, step_s)
-        across = model.y - start
-        off.append(abs(way[0] * across[1] - way[1] * across[0]))
-    assert off[0] < 5e-10
-    assert off[0] / off[1] == pytest.approx(16.0, rel=0.1)
-    np.testing.assert_allclose(model.y, [5.9821067223, 0.9940355742], rtol=0, atol=2e-10)
-    known = [5.7537299015, -0.6266566840, -1.6548563442, 2.0514078114, 2.7932533210, -2.0609599625]
-    np.testing.assert_allclose(end[:6], known, rtol=0, atol=2e-9)  # the known ones have the error of steps of 0.1 s
-
-
-def test_the_base_does_not_turn(planar):
-    """T2: joint rates in the null space of W leave the base's yaw alone; in that of the raw coupling they do not."""
-    system, qpos, context = planar
-    model = TaskModel(context, base_axes=(2,))
-
-    def unfelt(row):
-        row = row / np.linalg.norm(row)
-        rates = np.full(3, 0.1)
-        return rates - row * (row @ rates)
-
-    end = moved(system, qpos, lambda each, _: unfelt(each.W[0]), model, 10.0, 0.1)
-    assert abs(end[2] - 0.1) < 1e-14  # 400 sums of rates below 1e-17
-    np.testing.assert_allclose(end[:2], [4.8301803748, -1.7487419593], rtol=0, atol=1e-8)
-    np.testing.assert_allclose(end[3:6], [0.6956358213, 1.4878141709, -1.5011382012], rtol=0, atol=1e-7)
-    yaw = [system.joint("base_yaw").dofs.start]
-
-    end = moved(
-        system,
-        qpos,
-        lambda _, data: unfelt(mass_matrix(system.mj, data)[np.ix_(yaw, model.joints.dofs)][0]),
-        model,
-        10.0,
-        0.1,
-    )
-    assert end[2] - 0.1 == pytest.approx(-0.0479, abs=5e-5)
-
-
 @pytest.fixture(scope="module")
 def holding():
     """The same with the satellite held by the hand."""
@@ -212,29 +147,6 @@ def test_pinocchio_has_the_same_accelerations(spatial, seed):
     # Accelerations of some 100 m/s^2 by way of M, whose condition is some 1e5.
     np.testing.assert_allclose(model.drift + model.B @ u, acceleration.vector, rtol=0, atol=1e-9)
     np.testing.assert_allclose(X[model.joints.dofs], np.eye(system.mj.nv)[model.joints.dofs], atol=0)
-
-
-def test_finite_differences_have_the_same_drift(spatial):
-    """Rates of the tip a moment before and after, everything coasting: of second order in the moment."""
-    system, context = spatial
-    model, data = arm(context), at(system.mj, *drawn(system.mj, np.random.default_rng(7)))
-    other = arm(context)
-    model.update(data)
-    errors = []
-    for step_s in (1e-3, 5e-4):
-        sides = []
-        for sign in (1.0, -1.0):
-            near = at(system.mj, data.qpos, data.qvel)
-            near.qvel[:] = sign * data.qvel  # backwards in time is forwards with all rates turned round
-            system.mj.opt.timestep = step_s
-            mujoco.mj_forward(system.mj, near)
-            mujoco.mj_step(system.mj, near)
-            mujoco.mj_forward(system.mj, near)
-            other.update(near)
-            sides.append(sign * other.yd)
-        errors.append(np.abs((sides[0] - sides[1]) / (2.0 * step_s) - model.drift).max())
-    assert errors[1] < 1e-3 * np.abs(model.drift).max()
-    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.05)
 
 
 def test_the_attitude_error_is_in_world_axes(spatial):

@@ -10,7 +10,7 @@ import ffsm_mj
 from ffsm_controllers.task_space.singularity import damped_inverse
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.controller_protocol import ControllerContext, SiteMotion
+from ffsm_mj.controller_protocol import ControllerContext
 from ffsm_mj.errors import InputError
 from ffsm_mj.report.run_report import run_report
 from ffsm_mj.task_model import TaskModel
@@ -120,53 +120,6 @@ def test_the_error_falls_as_the_gains_say(recipes, base):
     assert told(run, "error_m")[0] > 0.2
     assert told(run, "angle_rad")[0] > 0.5
     assert all(check.passes for check in all_checks(run))
-
-
-def body_axes(self):
-    return self.site.frame.T @ ERROR(self)
-
-
-def without_momentum(self, data, pushed=None):
-    UPDATE(self, data, pushed)
-    self.yd, self.ed = self.yd - self.v_h, self.ed - self.v_h
-
-
-def turned_round(self, data):
-    MOTION(self, data)
-    if self.rows.size == 6 and not self._is_robot:
-        self.rates = np.concatenate((self.rates[:3], -self.rates[3:]))
-
-
-def still_object(self, qacc):
-    return np.zeros(6) if not self._is_robot else ACCELERATION(self, qacc)
-
-
-def unknown_wheels(*_):
-    return np.zeros(6)
-
-
-ERROR, UPDATE, RESPONSE = TaskModel._attitude_error, TaskModel.update, TaskModel.response
-MOTION, ACCELERATION = SiteMotion.update, SiteMotion.acceleration
-
-
-@pytest.mark.long(one_of=2)
-@pytest.mark.parametrize(
-    ("base", "cls", "method", "mistake"),
-    [
-        ("afloat", TaskModel, "_attitude_error", body_axes),
-        ("afloat", TaskModel, "update", without_momentum),
-        ("afloat", SiteMotion, "update", turned_round),
-        ("afloat", SiteMotion, "acceleration", still_object),
-        ("held", TaskModel, "response", unknown_wheels),
-    ],
-    ids=["error in body axes", "momentum left out", "object's rate turned round", "object taken as still", "wheels unknown"],
-)
-def test_likely_mistakes_are_noticed(recipes, monkeypatch, base, cls, method, mistake):
-    monkeypatch.setattr(SiteMotion, "_is_robot", property(lambda self: self._body < 12), raising=False)
-    monkeypatch.setattr(cls, method, mistake)
-    run = recipes[base].run()
-    off_m, off_rad = deviations(run) if run.outcome == "completed" else (1.0, 1.0)
-    assert off_m > 3.0 * NEAR_M or off_rad > 3.0 * NEAR_RAD
 
 
 def test_torques_keep_their_bound():
