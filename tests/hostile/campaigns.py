@@ -11,7 +11,7 @@ from typing import Any
 from tests.hostile.cases import Case, Command
 from tests.hostile.documents import Map, text, tree_of
 from tests.hostile.log_mutations import mutate_log
-from tests.hostile.values import NUMBERS, SCALARS
+from tests.hostile.values import NUMBERS, SCALARS, words
 from tests.hostile.yaml_mutations import mutate_bytes, mutate_tree, value
 
 Files = dict[str, bytes]
@@ -206,17 +206,9 @@ def _link(rng: Random, files: Files, links: list[tuple[str, str]]) -> None:
     links.append((name, f"{'../' * (name.count('/') + 1)}outside/{target}"))
 
 
-_WRITTEN = (
-    *(
-        "D/report.md",
-        "D/results.csv",
-        "D/results.parquet",
-        "D/figures",
-        "D/figures/report",
-        "D/figures/report/convergence.png",
-    ),
-    *("D/driver.lock", "D/reruns", "D/reruns/000000", "D/reruns/000003", "D/rows.sqlite", "D/rows.sqlite-journal"),
-    *("D/rows.sqlite-wal", "D/rows.sqlite-shm", "D/design.json", "D/campaign.yaml", "D/scenario", "page.md", "figures"),
-    *("D/reruns/000000/run.mcap", "D/reruns/000000/mjcf", "D/reruns/000000/summary.json", "D"),
-)
+_WRITTEN = words("""D/report.md D/results.csv D/results.parquet D/figures D/figures/report
+        D/figures/report/convergence.png D/driver.lock D/reruns D/reruns/000000 D/reruns/000003
+        D/rows.sqlite D/rows.sqlite-journal D/rows.sqlite-wal D/rows.sqlite-shm D/design.json
+        D/campaign.yaml D/scenario page.md figures D/reruns/000000/run.mcap D/reruns/000000/mjcf
+        D/reruns/000000/summary.json D""")
 _MUTATIONS = (_bytes, _table_bytes, _table, _table, _table, _journal, _json, _json, _yaml, _yaml, _gone, _log, _link, _link)

@@ -11,10 +11,11 @@ from random import Random
 from typing import Any
 
 from tests.hostile.documents import Map, shipped, text
-from tests.hostile.log_mutations import mutate_log
+from tests.hostile.log_mutations import log, mutate_log, records, values_of
 from tests.hostile.mjcf_mutations import model, mutate_model, xml
 from tests.hostile.mjcf_mutations import scale_numbers as scale_model
 from tests.hostile.override_mutations import overrides
+from tests.hostile.values import words
 from tests.hostile.yaml_mutations import mutate_bytes, mutate_tree
 from tests.hostile.yaml_mutations import scale_numbers as scale_scenario
 
@@ -192,55 +193,20 @@ def _override_case(rng: Random, _: Any) -> Case:
 
 
 _PATHS = (
-    "",
-    ".",
-    "..",
-    "/",
-    "nothing.yaml",
-    "x" * 300 + ".yaml",
-    "x" * 5000,
-    "a\nb.yaml",
-    "é.yaml",
-    "\udcff.yaml",
-    "folder",
-    "folder.yaml",
+    *("", ".", "..", "/", "nothing.yaml", "x" * 300 + ".yaml", "x" * 5000, "a\nb.yaml", "é.yaml", "\udcff.yaml"),
+    *("folder", "folder.yaml"),
 )
 _MORE_PATHS = (
-    "scenario.yaml/x",
-    "robot.xml",
-    "scenario.yaml",
-    "basline",
-    "/dev/null",
-    "/dev/full",
-    "logs/latest",
-    "~",
-    "*",
-    "{a}",
-    "\x1b[31m",
+    *words("scenario.yaml/x robot.xml scenario.yaml basline /dev/null /dev/full logs/latest"),
+    *("~", "*", "{a}", "\x1b[31m"),
 )
 _NAMES = (
-    "\udcff.yaml",
-    "a\nb.yaml",
-    "é.yaml",
-    "with space.yaml",
-    "a:1:2.yaml",
-    "-.yaml",
-    "x" * 200 + ".yaml",
-    "noending",
-    "日本.yaml",
+    *("\udcff.yaml", "a\nb.yaml", "é.yaml", "with space.yaml", "a:1:2.yaml", "-.yaml", "x" * 200 + ".yaml"),
+    *("noending", "日本.yaml"),
 )
 _MODEL_NAMES = (
-    "\udcff.xml",
-    "a\nb.xml",
-    "é.xml",
-    "a b.xml",
-    "a.urdf",
-    "a.mjb",
-    "a.txt",
-    "a",
-    "a.XML",
-    "a.usd",
-    "a.obj",
+    *("\udcff.xml", "a\nb.xml", "é.xml", "a b.xml"),
+    *words("a.urdf a.mjb a.txt a a.XML a.usd a.obj"),
     "x" * 200 + ".xml",
 )
 
@@ -282,6 +248,29 @@ def _log_case(rng: Random, logs: tuple[bytes, ...]) -> Case:
     else:
         command = ("export", "run.mcap", "--gif", "--fps", "1", "--speed", "1")
     return Case(f"log: {command[0]}{' --gif' if '--gif' in command else ''}", {"run.mcap": data}, (command,))
+
+
+def log_case_of(
+    rng: Random,
+    data: bytes,
+    what: str,
+    changed: tuple[float, tuple[int, ...]],
+    topics: tuple[str, ...],
+    tables: tuple[str, ...],
+) -> Case:
+    """A log of a subject: a share of the cases changes so many values of some topics, the others anything."""
+    share, counts = changed
+    if rng.random() < share:
+        found = records(data)
+        for _ in range(rng.choice(counts)):
+            values_of(rng, found, *topics)
+        data = log(found)
+    else:
+        data = mutate_log(rng, data)
+    command = rng.choice((("analyze", "run.mcap"), ("analyze", "run.mcap", "--json"), ("export", "run.mcap", "--csv")))
+    if command[0] == "export":
+        command = (*command, "--table", rng.choice(tables))
+    return Case(f"log of {what}: {command[0]}", {"run.mcap": data}, (command,))
 
 
 _KINDS: tuple[tuple[Callable[[Random, Any], Case], int], ...] = (

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from random import Random
 
-from tests.hostile.cases import Case, commands, model_text
+from tests.hostile.cases import Case, commands, log_case_of, model_text
 from tests.hostile.documents import Map, Raw, shipped, text, tree_of
-from tests.hostile.log_mutations import log, mutate_log, records, values_of
-from tests.hostile.values import YAML_NUMBERS
+from tests.hostile.values import YAML_NUMBERS, words
 from tests.hostile.yaml_mutations import mutate_tree, mutate_within, scale_numbers
 
 FRICTION = 20
@@ -16,22 +15,8 @@ FRICTION = 20
 _LANES = ("robot", "servicer_2", "servicer_3")
 _ROBOT, _OBJECT = "servicer_free.xml", "satellite_drum.xml"
 _WORDS = (
-    "mu",
-    "mu-0",
-    "rough/drum",
-    "rougher",
-    "drum",
-    "robot/probe",
-    "robot/base",
-    "servicer_2/base",
-    "blend",
-    "newton",
-    "self",
-    "*",
-    "robot/*",
-    "robot/base/*",
-    "/*",
-    "",
+    *words("mu mu-0 rough/drum rougher drum robot/probe robot/base servicer_2/base blend newton self"),
+    *("*", "robot/*", "robot/base/*", "/*", ""),
 )
 _KEYS = ("mu", "friction", "restitution", "super_elastic", "between", "default", "rules", "ignored", "name", "law")
 _MU = ("0", "-0.0", "5e-324", "1e-300", "1e-9", "1.5", "10", "1e6", "1e100", "1e308", "+.5", "0x1")
@@ -63,7 +48,16 @@ def models() -> dict[str, bytes]:
 def drawn(number: int, data: bytes) -> Case:
     """A case of the series; a log of impacts with friction is there to be mutated."""
     rng = Random(f"{FRICTION}:{number}")
-    return _scenario_case(rng) if rng.random() < 0.7 else _log_case(rng, data)
+    if rng.random() < 0.7:
+        return _scenario_case(rng)
+    return log_case_of(
+        rng,
+        data,
+        "friction",
+        (0.67, (1, 1, 2, 4)),
+        ("/ffsm/impact", "/ffsm/impact", "/ffsm/impact", "/ffsm/sample"),
+        ("samples", "impacts", "checks"),
+    )
 
 
 def _scenario_case(rng: Random) -> Case:
@@ -84,18 +78,3 @@ def _scenario_case(rng: Random) -> Case:
         {"scenario.yaml": text(tree).encode("utf-8", "surrogatepass"), **models()},
         commands(rng, "scenario.yaml"),
     )
-
-
-def _log_case(rng: Random, data: bytes) -> Case:
-    """Two in three change what the log says of impacts, or a state that their laws are judged from."""
-    if rng.random() < 0.67:
-        found = records(data)
-        for _ in range(rng.choice((1, 1, 2, 4))):
-            values_of(rng, found, "/ffsm/impact", "/ffsm/impact", "/ffsm/impact", "/ffsm/sample")
-        data = log(found)
-    else:
-        data = mutate_log(rng, data)
-    command = rng.choice((("analyze", "run.mcap"), ("analyze", "run.mcap", "--json"), ("export", "run.mcap", "--csv")))
-    if command[0] == "export":
-        command = (*command, "--table", rng.choice(("samples", "impacts", "checks")))
-    return Case(f"log of friction: {command[0]}", {"run.mcap": data}, (command,))

@@ -6,9 +6,8 @@ from random import Random
 from typing import Any
 
 from tests.contact_models.grasp.scenes import ARM, BOUNDS, TARGET, TOUCH
-from tests.hostile.cases import Case, commands
+from tests.hostile.cases import Case, commands, log_case_of
 from tests.hostile.documents import Map, text, tree_of
-from tests.hostile.log_mutations import log, mutate_log, records, values_of
 from tests.hostile.yaml_mutations import mutate_tree, mutate_within, scale_numbers
 
 GRASPS = 18
@@ -53,7 +52,11 @@ def scenario(when: dict[str, Any], latch: dict[str, Any] | None = None) -> Map:
 def drawn(number: int, data: bytes) -> Case:
     """A case of the series; a log of a capture is there to be mutated."""
     rng = Random(f"{GRASPS}:{number}")
-    return _scenario_case(rng) if rng.random() < 0.75 else _log_case(rng, data)
+    if rng.random() < 0.75:
+        return _scenario_case(rng)
+    topics = "/ffsm/grasp", "/ffsm/release", "/ffsm/sample", "/ffsm/phase"
+    tables = "samples", "grasps", "grasp_impulses", "releases", "near_misses"
+    return log_case_of(rng, data, "a capture", (0.5, (1, 2, 4)), topics, tables)
 
 
 def _scenario_case(rng: Random) -> Case:
@@ -67,19 +70,3 @@ def _scenario_case(rng: Random) -> Case:
     written = text(tree).encode("utf-8", "surrogatepass")
     files = {"scenario.yaml": written, "robot.xml": ARM.encode(), "object.xml": TARGET.encode()}
     return Case("grasp", files, commands(rng, "scenario.yaml"))
-
-
-def _log_case(rng: Random, data: bytes) -> Case:
-    """Half of them change what the log says of grasps: their records, and the columns that say who holds."""
-    if rng.random() < 0.5:
-        found = records(data)
-        for _ in range(rng.choice((1, 2, 4))):
-            values_of(rng, found, "/ffsm/grasp", "/ffsm/release", "/ffsm/sample", "/ffsm/phase")
-        data = log(found)
-    else:
-        data = mutate_log(rng, data)
-    tables = ("samples", "grasps", "grasp_impulses", "releases", "near_misses")
-    command = rng.choice((("analyze", "run.mcap"), ("analyze", "run.mcap", "--json"), ("export", "run.mcap", "--csv")))
-    if command[0] == "export":
-        command = (*command, "--table", rng.choice(tables))
-    return Case(f"log of a capture: {command[0]}", {"run.mcap": data}, (command,))

@@ -18,35 +18,17 @@ from mcap.writer import CompressionType, Writer
 from zstandard import ZstdError
 
 from tests.hostile.mjcf_mutations import mutate_model, xml
-from tests.hostile.values import YAML_NUMBERS
+from tests.hostile.values import YAML_NUMBERS, words
 from tests.hostile.yaml_mutations import mutate_bytes, value
 
 _NAMES = (
     "",
-    "scenario.yaml",
-    "mjcf/robot/robot.xml",
-    "../../x",
-    "/x",
-    "mjcf/../../x",
-    "mjcf",
-    "mjcf/robot",
-    "é",
-    "a\nb",
-    "n" * 300,
-    "\0",
+    *words("scenario.yaml mjcf/robot/robot.xml ../../x /x mjcf/../../x mjcf mjcf/robot"),
+    *("é", "a\nb", "n" * 300, "\0"),
 )
 _DOUBLES = (float("nan"), float("inf"), -float("inf"), 1e308, -1e308, 5e-324, -0.0, 0.0, 1e10, -1.0)
 _GARBAGE = (
-    b"",
-    b"\xff\xfe",
-    b"{",
-    b"[]",
-    b"3",
-    b"null",
-    b"robot: 3",
-    b"robot: {mjcf: x}",
-    b"!!bool maybe",
-    b"&a [*a]",
+    *(b"", b"\xff\xfe", b"{", b"[]", b"3", b"null", b"robot: 3", b"robot: {mjcf: x}", b"!!bool maybe", b"&a [*a]"),
     b"[" * 3000,
 )
 _Records = list[Any]
@@ -236,20 +218,6 @@ def _channel(rng: Random, found: _Records) -> None:
 
 
 _MUTATIONS: tuple[Callable[[Random, _Records], None], ...] = (
-    *(
-        _drop,
-        _drop,
-        _drop_kind,
-        _double,
-        _message,
-        _values,
-        _values,
-        _swap,
-        _facts,
-        _facts,
-        _attachment,
-        _attachment,
-        _schema,
-        _channel,
-    ),
+    *(_drop, _drop, _drop_kind, _double, _message, _values, _values, _swap, _facts, _facts, _attachment),
+    *(_attachment, _schema, _channel),
 )

@@ -8,177 +8,39 @@ from copy import deepcopy
 from random import Random
 
 from ffsm_mj.scenario.shipped import scenarios_dir
-from tests.hostile.values import XML_NUMBERS
+from tests.hostile.values import XML_NUMBERS, words
 
 _TEXTS = (
-    *(
-        "",
-        " ",
-        "x",
-        "é",
-        "a/b",
-        "robot/base",
-        "world",
-        "base",
-        "joint_1",
-        "gripper",
-        "box",
-        "'",
-        "%s%n",
-        "../../etc/passwd",
-        "/",
-    ),
-    *("n" * 300, "日本語", "true", "auto", "free", "plane", "sdf", "mesh", "hfield", "line 0", "a:b:1", "\t", "1", "-1"),
+    *("", " ", "x", "é"),
+    *words("a/b robot/base world base joint_1 gripper box"),
+    *("'", "%s%n", "../../etc/passwd", "/", "n" * 300, "日本語"),
+    *words("true auto free plane sdf mesh hfield"),
+    *("line 0", "a:b:1", "\t", "1", "-1"),
 )
 _TYPES = {
     "geom": ("plane", "hfield", "sdf", "mesh", "sphere", "capsule", "ellipsoid", "cylinder", "box", "none", ""),
     "joint": ("free", "ball", "slide", "hinge", "none"),
 }
 _COMMON = {
-    "body": (
-        "mocap",
-        "gravcomp",
-        "pos",
-        "quat",
-        "euler",
-        "childclass",
-        "xyaxes",
-        "zaxis",
-        "axisangle",
-        "name",
-        "user",
-        "sleep",
-    ),
-    "joint": (
-        *(
-            "damping",
-            "stiffness",
-            "frictionloss",
-            "armature",
-            "range",
-            "limited",
-            "ref",
-            "springref",
-            "axis",
-            "pos",
-            "margin",
-        ),
-        *("type", "springdamper", "solreflimit", "class", "name", "group", "actuatorfrcrange", "actuatorgravcomp"),
-    ),
-    "geom": (
-        *(
-            "size",
-            "fromto",
-            "mass",
-            "density",
-            "rgba",
-            "pos",
-            "quat",
-            "type",
-            "mesh",
-            "hfield",
-            "material",
-            "contype",
-            "name",
-        ),
-        *(
-            "condim",
-            "friction",
-            "margin",
-            "gap",
-            "solref",
-            "fluidshape",
-            "fluidcoef",
-            "group",
-            "shellinertia",
-            "class",
-            "euler",
-        ),
-    ),
+    "body": words("mocap gravcomp pos quat euler childclass xyaxes zaxis axisangle name user sleep"),
+    "joint": words("""damping stiffness frictionloss armature range limited ref springref axis pos margin type
+        springdamper solreflimit class name group actuatorfrcrange actuatorgravcomp"""),
+    "geom": words("""size fromto mass density rgba pos quat type mesh hfield material contype name condim friction margin
+        gap solref fluidshape fluidcoef group shellinertia class euler"""),
     "inertial": ("mass", "diaginertia", "fullinertia", "pos", "quat", "euler", "axisangle"),
-    "motor": (
-        "gear",
-        "ctrlrange",
-        "forcerange",
-        "joint",
-        "site",
-        "tendon",
-        "body",
-        "refsite",
-        "name",
-        "ctrllimited",
-        "group",
-        "delay",
-    ),
-    "option": (
-        *(
-            "timestep",
-            "gravity",
-            "integrator",
-            "density",
-            "viscosity",
-            "wind",
-            "magnetic",
-            "solver",
-            "iterations",
-            "tolerance",
-        ),
-        *(
-            "impratio",
-            "cone",
-            "jacobian",
-            "ccd_iterations",
-            "ccd_tolerance",
-            "o_margin",
-            "actuatorgroupdisable",
-            "sdf_initpoints",
-        ),
-    ),
-    "compiler": (
-        *(
-            "angle",
-            "coordinate",
-            "boundmass",
-            "boundinertia",
-            "balanceinertia",
-            "inertiafromgeom",
-            "fusestatic",
-            "autolimits",
-        ),
-        *(
-            "discardvisual",
-            "meshdir",
-            "assetdir",
-            "texturedir",
-            "settotalmass",
-            "strippath",
-            "eulerseq",
-            "usethread",
-            "inertiagrouprange",
-        ),
-    ),
+    "motor": words("gear ctrlrange forcerange joint site tendon body refsite name ctrllimited group delay"),
+    "option": words("""timestep gravity integrator density viscosity wind magnetic solver iterations tolerance impratio
+        cone jacobian ccd_iterations ccd_tolerance o_margin actuatorgroupdisable sdf_initpoints"""),
+    "compiler": words("""angle coordinate boundmass boundinertia balanceinertia inertiafromgeom fusestatic autolimits
+        discardvisual meshdir assetdir texturedir settotalmass strippath eulerseq usethread
+        inertiagrouprange"""),
     "site": ("pos", "size", "type", "rgba", "quat", "fromto", "name", "group"),
     "material": ("rgba", "texture", "texrepeat", "emission", "name", "class", "texuniform"),
     "include": ("file",),
     "default": ("class",),
     "mujoco": ("model",),
 }
-_WORDS = (
-    "true",
-    "false",
-    "auto",
-    "Euler",
-    "implicit",
-    "implicitfast",
-    "RK4",
-    "degree",
-    "local",
-    "global",
-    "XYZ",
-    "xyz",
-    "zzz",
-    "elliptic",
-)
+_WORDS = words("true false auto Euler implicit implicitfast RK4 degree local global XYZ xyz zzz elliptic")
 
 _TOP = (
     '<equality><weld body1="{body}"/></equality>',
@@ -464,6 +326,6 @@ def _same_names(rng: Random, root: ET.Element) -> None:
 
 
 _MUTATIONS: tuple[Callable[[Random, ET.Element], None], ...] = (
-    *(_change, _change, _inertia, _inertia, _add_attribute, _add_attribute, _drop_attribute, _remove, _remove_kind, _double),
-    *(_move, _retag, _shape, _snippet, _snippet, _snippet, _same_names),
+    *(_change, _change, _inertia, _inertia, _add_attribute, _add_attribute, _drop_attribute, _remove, _remove_kind),
+    *(_double, _move, _retag, _shape, _snippet, _snippet, _snippet, _same_names),
 )

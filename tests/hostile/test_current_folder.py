@@ -39,14 +39,7 @@ def folder(tmp_path_factory) -> Path:
     for words in (
         ("run", "coasting", "-s", "duration_s=0.02", "--no-rerun", "--out", "run"),
         (
-            "campaign",
-            "run",
-            "baseline-dispersed",
-            "-s",
-            "samples.n=1",
-            "-s",
-            "overrides.duration_s=0.05",
-            "--out",
+            *("campaign", "run", "baseline-dispersed", "-s", "samples.n=1", "-s", "overrides.duration_s=0.05", "--out"),
             "campaign",
         ),
     ):

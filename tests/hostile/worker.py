@@ -29,25 +29,15 @@ from tests.hostile.documents import Map, text
 from tests.hostile.drawing import Logs, drawn
 from tests.hostile.judge import complaint, control_character
 from tests.hostile.strangers import STRANGERS
+from tests.hostile.values import words
 from tests.hostile.writes import listing, only_reads, put_canaries, stray, touched_canary, watched
 
 CPU_LIMIT_S, WALL_LIMIT_S = 20, 120
 MEMORY_LIMIT = 3 << 30
 _BATCH = 100
 # What commands import when they need it, and what these import in turn.
-_COSTLY = (
-    *(
-        "ffsm_mj.cli.analyze",
-        "ffsm_mj.cli.export",
-        "ffsm_mj.report.animation",
-        "ffsm_mj.report.export",
-        "pandas",
-        "pyarrow.compute",
-        "pyarrow.pandas_compat",
-        "scipy.linalg",
-    ),
-    *("PIL.GifImagePlugin", "matplotlib.style"),
-)
+_COSTLY = words("""ffsm_mj.cli.analyze ffsm_mj.cli.export ffsm_mj.report.animation ffsm_mj.report.export pandas
+        pyarrow.compute pyarrow.pandas_compat scipy.linalg PIL.GifImagePlugin matplotlib.style""")
 _COSTLY_TOO = (
     *("ffsm_mj.experiments.campaign", "ffsm_mj.experiments.figures", "ffsm_mj.experiments.page", "scipy.stats.qmc"),
     *("ffsm_mj.report.page.document", "ffsm_mj.log.rerun.sink", "ffsm_mj.templates.robot", "imageio_ffmpeg"),

@@ -130,7 +130,8 @@ def _name(rng: Random, tree: Map) -> None:
 
 
 _TREE: tuple[Callable[[Random, Map], None], ...] = (
-    *(_remove, _twice, _rename, _replace, _replace, _replace, _other_node, _nest, _insert, _null, _number, _number, _name),
+    *(_remove, _twice, _rename, _replace, _replace, _replace, _other_node, _nest, _insert, _null, _number, _number),
+    _name,
 )
 
 
@@ -192,5 +193,13 @@ def _wrap(rng: Random, data: bytes) -> bytes:
 
 
 _BYTES: tuple[Callable[[Random, bytes], bytes], ...] = (
-    *(_flip, _cut, _noise, _mark, _encoding, _bad_character, _line_ends, _splice, _wrap),
+    _flip,
+    _cut,
+    _noise,
+    _mark,
+    _encoding,
+    _bad_character,
+    _line_ends,
+    _splice,
+    _wrap,
 )
