@@ -57,7 +57,7 @@ class ForcedStepper(FreeStepper):
         data: Any,
         state: FloatArray,
         momentum: FloatArray,
-        pushes: Sequence[Callable[[Any], None]],
+        pushes: Sequence[Callable[[Any], object]],
         follow: Callable[[], None],
         power: ActuatorPower | None = None,
     ) -> None: ...
