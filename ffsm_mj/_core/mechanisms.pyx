@@ -77,7 +77,7 @@ cdef class LoadSample(OnSample):
         cdef LoopStage rows = self.smooth.motion.loops.evaluated()
         self.applied[:] = 0.0
         for other in self.others:
-            if other.active and other.pushes:
+            if other.active:
                 other.add_forces(self.pushes)
         self.smooth.write_force(&self.applied[0], &self.force[0])
         rows.solve(&self.force[0])

@@ -242,9 +242,9 @@ class Balance:
         numbers.fill(0.0)  # differences of sums since t = 0 would lose the digits that matter here
         self.close(duration_s)
         for exchange in exchanges:
-            self.enter(*exchange)
+            self.enter(exchange)
         if grasped_change is not None:
-            self.enter(*self._grasped_object.exchange(grasped_change))
+            self.enter(self._grasped_object.exchange(grasped_change))
         self._of_trees.enter(self._of_trees.numbers, self._accounts)
         added = numbers[:ACCOUNTS].copy()
         numbers[:] = kept
@@ -263,7 +263,7 @@ class Balance:
         if self._springs is not None:
             self._springs.grasped = 1 + self._system.objects.index(tree) if tree is not None else 0
         if exchange is not None:
-            self.enter(*exchange)
+            self.enter(exchange)
 
     def get_state(self) -> State:
         """What has been accumulated; rows so far must have been taken by :meth:`table`."""
@@ -285,12 +285,6 @@ class Balance:
         """Enter the work and impulse of the efforts held since ``open``; the state in ``data`` is the end of the step."""
         self.work.close(duration_s)
 
-    def enter(self, energy_change: FloatArray, contact: FloatArray, outside: FloatArray) -> None:
-        """Enter the exchange of contacts at an event or over a (sub-)step; impulses are (P, L about the world origin).
-
-        Args:
-            energy_change: Change of the kinetic energy of (total, robot, objects) by the contacts, J.
-            contact: Impulse of the robot on the objects, (6,).
-            outside: Impulse of fixed bodies on the robot and on the objects, (2, 6).
-        """
-        self.work.enter(energy_change, contact, outside)
+    def enter(self, exchange: Exchange) -> None:
+        """Enter the exchange of contacts at an event or over a (sub-)step."""
+        self.work.enter(exchange.energy_J, exchange.impulse, exchange.outside)

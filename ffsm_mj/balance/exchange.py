@@ -35,11 +35,13 @@ class Exchange(NamedTuple):
         energy_J: Energy gained by (total, robot, objects), (3,).
         impulse: Impulse of the robot on the objects: force part in N s and moment about the world origin in N m s, (6,).
         outside: Impulse of fixed bodies, external to the system, on the robot and on the objects, (2, 6).
+        friction_J: Work of contact forces plus heat of their friction in a trial step, J: truncation, as they should cancel.
     """
 
     energy_J: FloatArray
     impulse: FloatArray
     outside: FloatArray = _NOTHING
+    friction_J: float = 0.0
 
 
 class ExchangeIntegrator:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import IntEnum
 from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
@@ -246,7 +247,7 @@ class Source:
         return self.kind
 
     def current_motion(self) -> Motion | None:
-        """The motion that its own state gives; None: it does not decide on the motion."""
+        """The motion that its own state gives, also after it was restored; None: it does not decide on the motion."""
         return None
 
     def forget(self) -> None:
@@ -350,18 +351,33 @@ class EventSource(Source):
         """Why logged records of one event do not fit the models, in one word; empty if they do."""
         return ""
 
-    def prepare_replay(self, records: Sequence[Any]) -> None:
-        """Prepare to reproduce these records of its own: a log replay has reached their event and calls :meth:`act` next."""
-
     def replay(self, event: LoggedEvent) -> EventEffect | None:
         """Reproduce a logged event at its logged state, which is in ``data``; the logged state after it is set next.
+
+        One that does not find the event by the state alone overrides this: it takes from the records what is due.
 
         Returns:
             The effect, whose records are compared with the logged ones; None if no event is possible here.
         """
         # The same code as in a run: what a replay compares is the event itself, not a second account of it.
-        self.prepare_replay(event.records)
         return self.act(EventTime(event.time_s, event.step))
+
+
+class ForceOrder(IntEnum):
+    """What forces depend on; sources are evaluated in this order in each stage.
+
+    Attributes:
+        EXTERNAL: The state of the motion alone. They act from outside the system as a field does: always, smoothly, without
+            an exchange between the subsystems. The balance enters them by itself.
+        INDEPENDENT: The state of the logged system alone.
+        REACTIVE: Also all forces before them, as those of contacts do.
+        BILATERAL: All other forces, and the state of the motion alone: they keep bilateral constraints.
+    """
+
+    EXTERNAL = 0
+    INDEPENDENT = 1
+    REACTIVE = 2
+    BILATERAL = 3
 
 
 class ForceSource(Source):
@@ -369,48 +385,41 @@ class ForceSource(Source):
 
     Attributes:
         active: Whether it exerts forces: the exchange of each step is then entered in the balance.
-        pushes: Whether its wrenches are evaluated in the stages of each step while it is active.
-        is_reactive: Whether its forces depend on those of the other contact models: it is evaluated after them.
-        is_bilateral: Whether its forces keep bilateral constraints under all other forces: it is evaluated last, from the
-            state of the motion alone.
-        is_external: Whether its forces act from outside the system as a field does: always, smoothly, without an exchange
-            between the subsystems; from the state of the motion alone. The balance enters them by itself.
+        order: What its forces depend on.
     """
 
     active = False
-    pushes: ClassVar[bool] = True
-    is_reactive: ClassVar[bool] = False
-    is_bilateral: ClassVar[bool] = False
-    is_external: ClassVar[bool] = False
+    order: ClassVar[ForceOrder] = ForceOrder.INDEPENDENT
 
     def wrenches(self, data: Any) -> Sequence[Wrench]:
         """Wrenches that it exerts on bodies of the system; positions and velocities in ``data`` are current.
 
-        A model that overrides :meth:`push` with generalised forces of its own, and may act on a grasped object, must return
-        the equivalent wrenches here: the balance separates robot and object by body.
+        A model that overrides :meth:`add_forces` with generalised forces of its own, and may act on a grasped object, must
+        return the equivalent wrenches here: the balance separates robot and object by body.
         """
         return ()
-
-    def push(self, data: Any) -> None:
-        """Add its wrenches to ``data.qfrc_applied`` (``data`` of the motion), after those of the non-reactive models."""
-        motion = self.motion
-        # Wrenches are on bodies of the logged system; the motion may join some of them, or have other coordinates.
-        for body, point, force, torque in self.wrenches(self.scene.data):
-            mujoco.mj_applyFT(motion.model, data, force, torque, point, motion.bodies[body], data.qfrc_applied)
 
     def add_forces(self, applied: FloatArray) -> None:
         """Add its generalised forces at the state and efforts in ``data`` of the scene, (nv,) of the motion."""
         motion = self.motion
+        # Wrenches are on bodies of the logged system; the motion may join some of them, or have other coordinates.
         for body, point, force, torque in self.wrenches(self.scene.data):
             mujoco.mj_applyFT(motion.model, motion.data, force, torque, point, motion.bodies[body], applied)
 
-    def begin_step(self) -> None:
-        """Called at the start of a (sub-)step while it is active."""
-        self._exchange.begin(self.motion.grasped_bodies)
+    def push(self, data: Any) -> None:
+        """Add its forces in a stage to ``data.qfrc_applied``, which has those before them; ``data`` is the motion's."""
+        self.add_forces(data.qfrc_applied)
 
-    def continue_step(self) -> None:
-        """Called instead of :meth:`begin_step` where a trial step goes on in shorter steps, with what it chose kept."""
-        self.begin_step()
+    def begin_step(self, left_s: float, *, continues: bool = False) -> float:
+        """Begin a (sub-)step while it is active; returns the longest one that its forces allow from this state, s.
+
+        Args:
+            left_s: Remaining time of the grid step, s. The result may depend on it, but on no shorter step: a log replay
+                makes the same sub-steps.
+            continues: Whether a step goes on in shorter ones, with what was chosen at its start.
+        """
+        self._exchange.begin(self.motion.grasped_bodies)
+        return left_s
 
     def begin_steady_steps(self) -> SteadyForces | None:
         """Begin (sub-)steps that the core makes while nothing changes, without :meth:`begin_step`; None: it cannot."""
@@ -420,26 +429,14 @@ class ForceSource(Source):
         """Return a function that restores what :meth:`begin_step` changes: several steps are tried from one state."""
         return _nothing
 
-    def plan_step(self, left_s: float) -> float:
-        """Longest (sub-)step that its forces allow from the state in ``data``, s; called after :meth:`begin_step`.
+    def end_step(self, duration_s: float, *, trial: bool = False) -> Exchange | None:
+        """End a (sub-)step: energy and momentum exchanged by its wrenches.
 
         Args:
-            left_s: Remaining time of the grid step, s. The result may depend on it, but on no shorter step: a log replay
-                makes the same sub-steps.
+            duration_s: Duration of the step.
+            trial: Whether the step may be rejected: nothing must be accumulated.
         """
-        return left_s
-
-    def end_step(self, duration_s: float) -> Exchange | None:
-        """Called at the end of a (sub-)step: energy and momentum exchanged by its wrenches."""
         return self._exchange.end(duration_s)
-
-    def exchanged(self, duration_s: float) -> Exchange | None:
-        """The same for a trial step that step-size control may reject: must not accumulate anything."""
-        return self.end_step(duration_s)
-
-    def work_without_heat(self, duration_s: float) -> float:
-        """Work of its forces plus heat of its friction in the trial step, J: truncation where they should cancel."""
-        return 0.0
 
     @cached_property
     def _exchange(self) -> ExchangeIntegrator:
@@ -472,16 +469,12 @@ class LoggedForces(Protocol):
 class Replayable(Source):
     """A source with a state of its own that a log replay restores, or with forces that it checks."""
 
-    def restore_state(self, events: Sequence[LoggedEvent] = ()) -> Motion | None:
+    def restore_state(self, events: Sequence[LoggedEvent] = ()) -> None:
         """Restore the internal state from its columns and the state in ``data``: a run or a log replay starts here.
 
         Args:
             events: Logged events before this state, in order; none at the start of a run.
-
-        Returns:
-            The motion from now on; None for that of the system itself.
         """
-        return None
 
     def after_replayed_step(self) -> None:
         """Called at the end of a replayed (sub-)step, with the logged state in ``data`` where the log has it."""

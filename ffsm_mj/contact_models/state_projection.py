@@ -25,7 +25,10 @@ from ffsm_mj.state import Stateful
 
 def sum_exchanges(one: Exchange | None, other: Exchange) -> Exchange:
     """Sum of two exchanges."""
-    return other if one is None else Exchange(*(a + b for a, b in zip(one, other, strict=True)))
+    if one is None:
+        return other
+    energy_J, impulse, outside = one.energy_J + other.energy_J, one.impulse + other.impulse, one.outside + other.outside
+    return Exchange(energy_J, impulse, outside, one.friction_J + other.friction_J)
 
 
 class BalanceSigns(NamedTuple):

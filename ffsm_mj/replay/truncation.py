@@ -350,9 +350,9 @@ class _Refining(LogReplay):
 
     def _residuals(self, duration_s: float) -> FloatArray:
         """Residuals of the (sub-)step that was just made, (22,)."""
-        integrator = self._plant.integrator
-        residuals = self._error.residuals(duration_s, integrator.exchanged(duration_s))
-        return np.append(residuals, integrator.work_without_heat(duration_s))
+        exchanges = self._plant.integrator.exchanged(duration_s)
+        friction_J = sum(exchange.friction_J for exchange in exchanges)
+        return np.append(self._error.residuals(duration_s, exchanges), friction_J)
 
     def _back_to_start(self) -> None:
         path, (start, restore) = self._plant.integrator.motion.path, self._at_start

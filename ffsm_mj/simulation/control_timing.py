@@ -185,12 +185,9 @@ class DelayedControl(Stateful, EventSource):
         record = EffortChange(time_s, instant.step, LATE_TICK if late else ARRIVAL, tuple(data.qpos.tolist()), rates, rates)
         return EventEffect((record,), triggers_control=late, is_tick=late)
 
-    def prepare_replay(self, records: Sequence[Any]) -> None:
-        """The logged record says what happened; the efforts are those of the log."""
-        self._replayed = tuple(records)
-
     def replay(self, event: LoggedEvent) -> EventEffect | None:
-        """Reproduce a logged event; see :class:`EventSource`."""
+        """Reproduce a logged event: its record says what happened, and the efforts are those of the log."""
+        self._replayed = event.records
         effect = super().replay(event)
         self._replayed = ()
         return effect

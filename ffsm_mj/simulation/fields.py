@@ -10,7 +10,7 @@ import numpy as np
 
 from ffsm_mj._core.fields import Bodies, CompiledField, FieldForces
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.interface import ForceSource, Scene
+from ffsm_mj.contact_models.interface import ForceOrder, ForceSource, Scene
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.fields.interface import Field
 from ffsm_mj.model.system import System
@@ -43,7 +43,7 @@ class ExternalFields(ForceSource):
 
     kind = "external fields"
     active = True
-    is_external = True
+    order = ForceOrder.EXTERNAL
 
     def __init__(self, scene: Scene, fields: Sequence[Field], *compiled: CompiledField) -> None:
         """Act on the bodies of a scene; the fields of the core are without memory."""

@@ -15,6 +15,7 @@ from ffsm_mj.contact_models.interface import (
     EventEffect,
     EventSource,
     EventTime,
+    ForceOrder,
     ForceSource,
     LoggedEvent,
     Replayable,
@@ -83,7 +84,7 @@ class EventDrivenIntegrator:
         self._force_sources = tuple(source for source in sources if isinstance(source, ForceSource))
         self.control: StepControl | None = None
         self._active: list[ForceSource] = []
-        self._fields = [source for source in self._force_sources if source.is_external]
+        self._fields = [source for source in self._force_sources if source.order == ForceOrder.EXTERNAL]
         self._poll: Callable[[], None] | None = None
         self._event_s: float | None = None
         self.bind(motion)
@@ -101,12 +102,17 @@ class EventDrivenIntegrator:
         """Start at the state in ``data``, with contact models restored from their columns.
 
         Args:
-            system: Motion of the logged system; used unless a contact model returns another motion.
+            system: Motion of the logged system; used unless a contact model decides on another one.
             events: Logged events before this state; none at the start of a run.
         """
         self._event_s = None
-        moving = [motion for source in self.replayable if (motion := source.restore_state(events)) is not None]
-        self.bind(moving[0] if moving else system)
+        for source in self.replayable:
+            source.restore_state(events)
+        self.bind(self._current_motion() or system)
+
+    def _current_motion(self) -> Motion | None:
+        """The motion that the state of a contact model gives; None: that of the logged system."""
+        return next((motion for one in self.sources if (motion := one.current_motion()) is not None), None)
 
     @dataclass
     class State:
@@ -130,9 +136,8 @@ class EventDrivenIntegrator:
         deciding = [name for name, one in zip(self._stateful, self.sources, strict=True) if one.current_motion()]
         for name in deciding:
             self._stateful[name].set_state(of_models[name])
-        moving = [motion for one in self.sources if (motion := one.current_motion()) is not None]
         self._event_s = None
-        self.bind(moving[0] if moving else self._of_system)
+        self.bind(self._current_motion() or self._of_system)
         for name, part in self._stateful.items():
             if name not in deciding:
                 part.set_state(of_models[name])
@@ -147,11 +152,11 @@ class EventDrivenIntegrator:
 
     def restart(self) -> None:
         """Reset detection and applied forces after a discontinuity: velocities, active contact models or the motion."""
-        self._active = [source for source in self._force_sources if source.active and not source.is_external]
-        acting = [*self._fields, *(one for one in self._active if one.pushes)]
-        pushing = sorted(acting, key=lambda one: one.is_bilateral)
-        pushes, answers = ([one.push for one in pushing if one.is_reactive is answering] for answering in (False, True))
-        of_system = not all(one.is_bilateral or one.is_external for one in pushing)
+        self._active = [source for source in self._force_sources if source.active and source not in self._fields]
+        pushing = sorted((*self._fields, *self._active), key=lambda one: one.order)
+        pushes = [one.push for one in pushing if one.order < ForceOrder.REACTIVE]
+        answers = [one.push for one in pushing if one.order >= ForceOrder.REACTIVE]
+        of_system = any(one.order in (ForceOrder.INDEPENDENT, ForceOrder.REACTIVE) for one in pushing)
         self.motion.push_with(pushes, answers, of_system=of_system)
         for source in self.sources:
             source.restart()
@@ -175,13 +180,13 @@ class EventDrivenIntegrator:
         """Store the time of an event: contact models are notified when the next step begins, with its efforts set."""
         self._event_s = time_s
 
-    def _begin_step(self) -> None:
+    def _begin_step(self, left_s: float) -> float:
+        """Begin a (sub-)step; returns the longest one that the forces allow, s."""
         if self._event_s is not None:
             for one in self.event_sources:
                 one.after_event(self._event_s)
             self._event_s = None
-        for source in self._active:
-            source.begin_step()
+        return min([left_s, *[source.begin_step(left_s) for source in self._active]])
 
     def _event_bound(self) -> float:
         return min((source.event_bound for source in self.event_sources), default=math.inf)
@@ -352,7 +357,7 @@ class EventDrivenIntegrator:
     def continue_step(self, duration_s: float) -> None:
         """Integrate for a time with the contacts and modes chosen for the step before, without event detection."""
         for source in self._active:
-            source.continue_step()
+            source.begin_step(duration_s, continues=True)
         self.motion.step(duration_s)
         self._add_travel(duration_s)
         self.motion.path.at_s = duration_s
@@ -377,11 +382,8 @@ class EventDrivenIntegrator:
             motion, step_s = self.motion, min(most_s, left_s)
             clear, motion.path.at_s = motion.step(step_s), step_s
             return (step_s, clear) if not motion.stepper.kinked else self._to_kink(step_s, clear)
-        self._begin_step()
         # Step-size control must not try a step that contact forces forbid; events, which shorten a step, do not concern it.
-        reach_s = left_s
-        for source in self._active:
-            reach_s = min(reach_s, source.plan_step(left_s))
+        reach_s = self._begin_step(left_s)
         if reach_s < left_s < reach_s + shortest_s(float(self.motion.data.time)):
             reach_s = left_s
         most_s = min(most_s, reach_s)
@@ -418,11 +420,7 @@ class EventDrivenIntegrator:
 
     def exchanged(self, duration_s: float) -> list[Exchange]:
         """Exchanges of the active contact models in a trial step that may be rejected."""
-        return [booking for source in self._active if (booking := source.exchanged(duration_s)) is not None]
-
-    def work_without_heat(self, duration_s: float) -> float:
-        """Work of persistent contact plus its heat of sliding in a trial step, J."""
-        return sum(source.work_without_heat(duration_s) for source in self._active)
+        return [done for source in self._active if (done := source.end_step(duration_s, trial=True)) is not None]
 
     def _after_substep(self, duration_s: float) -> None:
         for source in self._after_substeps:
@@ -436,9 +434,4 @@ class EventDrivenIntegrator:
         """Exchanges of the active contact models in the finished (sub-)step."""
         if not self._active or duration_s <= 0.0:
             return []  # no forces are applied, or an event was due before the step
-        done = []
-        for source in self._active:
-            booking = source.end_step(duration_s)
-            if booking is not None:
-                done.append(booking)
-        return done
+        return [done for source in self._active if (done := source.end_step(duration_s)) is not None]

@@ -270,7 +270,7 @@ class Plant:
             return
         self.balance.close(elapsed_s)
         for exchange in self.integrator.exchanges(elapsed_s):
-            self.balance.enter(*exchange)
+            self.balance.enter(exchange)
         if is_set:
             # Sensors, columns and records need the forces of contacts, limits and latches at this state. Not before the
             # exchanges, which are sums over the stages of the step: this evaluation is none of them.
@@ -304,7 +304,7 @@ class Plant:
             impulses = event_impulses(self.system.mj, effect.records)
             self.sampler.add_impulses(motion, self.data.qvel - before, tuple(impulses))
         if effect is not None and effect.exchange is not None:
-            self.balance.enter(*effect.exchange)
+            self.balance.enter(effect.exchange)
         return effect
 
     def state_now(self) -> FloatArray:

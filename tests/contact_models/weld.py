@@ -66,14 +66,13 @@ class Weld(ContactModel, EventSource, ForceSource, Replayable):
     Config = WeldConfig
     records = (WELD,)
     requests = ("weld.arm", "weld.release")
-    pushes = False  # what moves is one rigid group: no force of ours takes part
 
     def __init__(self, config, scene):
         super().__init__(config, scene)
         self._model = scene.system.mj
         self._pair = ContactPair(scene.system, "weld", *config.geoms, 0.0)
         self.watched = frozenset((self._pair.geom_ids,))
-        self._armed, self._release, self._free = config.armed, False, None
+        self._armed, self._release, self._free, self._moving = config.armed, False, None, None
         self._held = np.zeros(1)
         self.columns = (
             Columns(
@@ -107,16 +106,16 @@ class Weld(ContactModel, EventSource, ForceSource, Replayable):
         system, data = self.scene.system, self.scene.data
         before, loss, booking = np.array(data.qvel), 0.0, None
         if self.active:
-            motion = self._free
+            self._moving = self._free
         else:
             self._free = self.motion
             booking = self._stop()
-            loss, motion = -float(booking.energy_J[0]), Held(self._free, self.scene, self._pair)
+            loss, self._moving = -float(booking.energy_J[0]), Held(self._free, self.scene, self._pair)
         self.active, self._armed, self._release = not self.active, False, False
         self._held[0] = float(self.active)
         rates = system.by_joint(before), system.by_joint(data.qvel)
         record = WeldRecord(instant.time_s, instant.step, int(self.active), loss, tuple(data.qpos.tolist()), *rates)
-        return EventEffect((record,), booking, motion)
+        return EventEffect((record,), booking, self._moving)
 
     def _stop(self):
         """The plastic impulse that leaves no relative twist at the grip."""
@@ -136,10 +135,11 @@ class Weld(ContactModel, EventSource, ForceSource, Replayable):
         wrench = np.concatenate((impulse[:3], impulse[3:] + np.cross(point, impulse[:3])))
         return Exchange(_energies(system, data) - before, wrench)
 
-    def begin_step(self):
+    def begin_step(self, left_s, *, continues=False):
         self._before = self._state_of_object()
+        return left_s
 
-    def end_step(self, duration_s):
+    def end_step(self, duration_s, *, trial=False):
         """The object is pushed by the grip alone: what it gained is what the grip gave, and took from the robot."""
         change = self._state_of_object() - self._before
         return Exchange(change[0] * np.array((0.0, -1.0, 1.0)), change[1:])
@@ -152,7 +152,10 @@ class Weld(ContactModel, EventSource, ForceSource, Replayable):
 
     def restore_state(self, events=()):
         self._free, self.active = self._free or self.motion, bool(self._held[0])
-        return Held(self._free, self.scene, self._pair) if self.active else None
+        self._moving = Held(self._free, self.scene, self._pair) if self.active else self._free
+
+    def current_motion(self):
+        return self._moving
 
     def _resume(self, values):
         self._held[:] = values

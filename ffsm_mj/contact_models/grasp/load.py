@@ -61,7 +61,7 @@ class InterfaceLoad:
         # The interface force holds the object under all that acts on it: what contacts and springs exert is no load of the
         # latch.
         for contact_model in self._others:
-            if contact_model.active and contact_model.pushes:
+            if contact_model.active:
                 of_others = self._other_forces()
                 break
         # Positions and velocities are current; efforts may have changed since, at a tick or an event.
@@ -78,12 +78,9 @@ class InterfaceLoad:
         applied, grasped, on_object = self._data.qfrc_applied, self._motion.grasped_bodies, np.zeros(6)
         # The last stage left its forces here; those under the present efforts are put together anew.
         applied.fill(0.0)
-        for contact_model in [other for other in self._others if other.active and other.pushes]:
+        for contact_model in [other for other in self._others if other.active]:
             wrenches = contact_model.wrenches(self._seen)
-            if contact_model.is_reactive:
-                contact_model.add_forces(applied)
-            else:
-                contact_model.push(self._data)
+            contact_model.add_forces(applied)
             for body, point, force, torque in wrenches:
                 if body in grasped:
                     on_object[:3] += force

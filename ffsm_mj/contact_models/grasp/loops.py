@@ -30,7 +30,7 @@ from ffsm_mj._core.mechanisms import LoadSample, SteadyLoops
 from ffsm_mj._core.stages import Smooth
 from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.balance.exchange import Exchange
-from ffsm_mj.contact_models.interface import ForceSource, Scene
+from ffsm_mj.contact_models.interface import ForceOrder, ForceSource, Scene
 from ffsm_mj.contact_models.persistent.exchange import robot_dofs
 from ffsm_mj.contact_models.state_projection import StateProjection, exchange_signs, sum_exchanges
 from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops, RowSource
@@ -232,8 +232,7 @@ class LoopForces(ForceSource):
     """
 
     kind = "loops"
-    is_reactive = True
-    is_bilateral = True
+    order = ForceOrder.BILATERAL
 
     def __init__(self, scene: Scene, others: Sequence[ForceSource] = (), *, rubs: bool = False) -> None:
         """Initialise with the equality constraints of the system, and no closed latch.
@@ -384,23 +383,19 @@ class LoopForces(ForceSource):
         """Discard the forces of the last step: the state or the efforts changed discontinuously."""
         self._exchanged.clear()
 
-    def begin_step(self) -> None:
-        """Start a (sub-)step: project out drift, and find which rows are independent."""
-        self.continue_step()
-        loops = self.motion.loops
-        if loops is None:
-            return
+    def begin_step(self, left_s: float, *, continues: bool = False) -> float:
+        """Start a (sub-)step: project out drift, and find which rows are independent, unless it continues one."""
+        self._projected, loops = None, self.motion.loops
+        self._exchanged.clear()
+        if continues or loops is None:
+            return left_s
         loops.begin_step()
         # Rows are held as accelerations: positions and rates drift by rounding and truncation (Hairer & Wanner, sec. VII.2).
         if needs_projection(*loops.drift(), 0.0):
             nv = self.motion.model.nv
             displaced, outside = self._exchanged.to_fixed_bodies, self._exchanged.outside
             self._projected = self._projection.apply(self.motion, lambda: no_contacts(nv), displaced, outside)
-
-    def continue_step(self) -> None:
-        """Go on without projection."""
-        self._projected = None
-        self._exchanged.clear()
+        return left_s
 
     def begin_steady_steps(self) -> SteadyLoops | None:
         """Rows that exchange nothing between the subsystems, in explicit steps; see :class:`ForceSource`."""
@@ -408,7 +403,8 @@ class LoopForces(ForceSource):
         # The core adds no exchange to the balance, and takes explicit steps only.
         if loops is None or self._exchanged.crosses or self.motion.stiff is not None:
             return None
-        self.continue_step()
+        self._projected = None
+        self._exchanged.clear()
         return SteadyLoops(loops.evaluated())
 
     def snapshot(self) -> Callable[[], None]:
@@ -437,18 +433,14 @@ class LoopForces(ForceSource):
         loops.push()
         self._exchanged.add_stage(loops.forces, applied - others)
 
-    def end_step(self, duration_s: float) -> Exchange | None:
+    def end_step(self, duration_s: float, *, trial: bool = False) -> Exchange | None:
         """Energy and momentum that the latches exchange between the subsystems.
 
         Raises:
             RunEnded: The mechanism was singular within the step.
         """
-        if self.motion.loops is not None:
+        if self.motion.loops is not None and not trial:
             self.motion.loops.end_step()
-        return self._exchanged.over(duration_s, self._projected)
-
-    def exchanged(self, duration_s: float) -> Exchange | None:
-        """The same for a trial step."""
         return self._exchanged.over(duration_s, self._projected)
 
     def wrenches(self, data: Any) -> Sequence[Wrench]:  # noqa: ARG002
@@ -476,7 +468,7 @@ class LoopForces(ForceSource):
         assert loops is not None
         for other in self._others:
             # Rows answer all other forces: what these add must be known first.
-            if other.active and other.pushes:
+            if other.active:
                 other.add_forces(applied)
         kinematics, load, known = smooth.kinematics(), smooth.load(applied), self._known
         # A row of the log asks for several loads at one state: the forces are solved once, for tokens of state and forces.

@@ -377,20 +377,23 @@ class GraspModel(EventSource, Replayable):
         """Record the loads on grasped objects after an event, since they may change discontinuously."""
         self._report.after_event(time_s)
 
-    def restore_state(self, events: Sequence[LoggedEvent] = ()) -> Motion | None:
+    def restore_state(self, events: Sequence[LoggedEvent] = ()) -> None:
         """Restore the closed grasps from the columns, at the state in ``data``; armed grasps are not logged in columns."""
         # Arming is not in the columns: the events of the log arm the grasps again.
         self.forget()
         records = [record for event in events for record in event.records if isinstance(record, GraspRecord)]
         self._closed.restore(self._report.logged_as_closed(), records)
-        return self._closed.motion if self._closed.latches else None
 
-    def prepare_replay(self, records: Sequence[Any]) -> None:
-        """Prepare to reproduce logged records with the next :meth:`act`.
+    def replay(self, event: LoggedEvent) -> EventEffect | None:
+        """Reproduce a logged event: its records say what is due.
 
         Raises:
             ValueError: A record names an unknown grasp.
         """
+        self._take_as_due(event.records)
+        return super().replay(event)
+
+    def _take_as_due(self, records: Sequence[Any]) -> None:
         # The replay may begin in the middle of a log: numbers of events must be those of the run.
         self.scene.numbers.continue_from(records[0].event)
         self._closing, self._goes_on = [], False

@@ -189,32 +189,31 @@ class JointFriction(EventSource, ForceSource, Replayable):
         """Applied generalised forces of other sources at the state and efforts in ``data``, (nv,)."""
         applied = np.zeros(self.motion.model.nv)
         for other in self._others:
-            if other.active and other.pushes:
+            if other.active:
                 other.add_forces(applied)
         return applied
 
-    def begin_step(self) -> None:
-        """Decide which joints stick, and stop those exactly."""
-        self._decide()
+    def begin_step(self, left_s: float, *, continues: bool = False) -> float:
+        """Decide which joints stick, and stop those exactly; steps that continue go on with them."""
         self._at_start = None
+        if continues:
+            self._moved.begin_step()
+            return left_s
+        self._decide()
         rates = self._moved.rates()[self.senses == 0.0]
         # A rate that is kept creeps; one of rounding comes back with every step, and a projection would not end it.
         if rates.any() and np.abs(rates).max() > _ROUNDING * (1.0 + np.abs(self.motion.data.qvel).max()):
             self._at_start = self._stop(self.senses == 0.0)
         self._moved.begin_step()
+        return self._longest_step(left_s)
 
-    def plan_step(self, left_s: float) -> float:
+    def _longest_step(self, left_s: float) -> float:
         """Longest step in which forces of tendons that slide turn little: a huge friction makes a whole one wild."""
         if not (self._any_sliding and self._moved.moving.any()):
             return left_s
         # The turn of a row under its force acts as a stiffness: steps follow it as they do springs (MODE_STEP).
         rate = self._moved.turning_rate(self._on.limits * self.senses)
         return min(left_s, MODE_STEP / rate) if rate > 0.0 else left_s
-
-    def continue_step(self) -> None:
-        """Go on with the joints that slide and stick."""
-        self._at_start = None
-        self._moved.begin_step()
 
     def snapshot(self) -> Callable[[], None]:
         """Return a function that restores which joints slide."""
@@ -225,19 +224,19 @@ class JointFriction(EventSource, ForceSource, Replayable):
 
         return restore
 
-    def end_step(self, duration_s: float) -> Exchange:
-        """Heat of the step, which the system loses; it is added to the columns."""
-        done = self.exchanged(duration_s)
-        self._heat -= done.energy_J
-        return done
+    def end_step(self, duration_s: float, *, trial: bool = False) -> Exchange:
+        """Heat of the step, which the system loses; unless it is a trial, it is added to the columns.
 
-    def exchanged(self, duration_s: float) -> Exchange:
-        """Heat of the step: friction times the way, which is exact, as the rate has one sign and the friction one size."""
+        It is friction times the way, which is exact, as the rate has one sign and the friction one size.
+        """
         heat = (
             self._on.limits * self.senses * self._moved.ways(duration_s) if self._any_sliding else np.zeros(len(self.senses))
         )
         # A joint rubs within its tree, whose energy becomes the heat.
-        return sum_exchanges(self._at_start, self._by_subsystem(self._on.of_trees @ -heat))
+        done = sum_exchanges(self._at_start, self._by_subsystem(self._on.of_trees @ -heat))
+        if not trial:
+            self._heat -= done.energy_J
+        return done
 
     def _by_subsystem(self, of_trees: FloatArray) -> Exchange:
         """Energy that trees gain, J, (number of trees,), as an exchange."""
@@ -493,9 +492,10 @@ class JointFriction(EventSource, ForceSource, Replayable):
         self._verified = None
         self._decide()
 
-    def prepare_replay(self, records: Sequence[Any]) -> None:
-        """Continue the numbers of events."""
-        self.scene.numbers.continue_from(records[0].event)
+    def replay(self, event: LoggedEvent) -> EventEffect | None:
+        """Reproduce a logged event, with its number."""
+        self.scene.numbers.continue_from(event.records[0].event)
+        return super().replay(event)
 
     def record_fault(self, records: Sequence[Any]) -> str:
         """Whether a record names a joint or tendon without dry friction."""

@@ -34,6 +34,7 @@ from ffsm_mj.contact_models.interface import (
     EventEffect,
     EventSource,
     EventTime,
+    ForceOrder,
     ForceSource,
     LoggedEvent,
     Replayable,
@@ -204,7 +205,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
     kind = "contact"
     records = (*PAIR_KINDS, *FRICTION_KINDS, *LIMIT_KINDS)
     # Contact forces answer all other loads, and are evaluated after these.
-    is_reactive = True
+    order = ForceOrder.REACTIVE
 
     def __init__(
         self, scene: Scene, pairs: Sequence[UnilateralConstraint], overlap: DeepestOverlap, heat: FrictionHeat
@@ -331,7 +332,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         self._closed.modes.struck = True
         self._update_activity()
 
-    def prepare_replay(self, records: Sequence[Any]) -> None:
+    def _close_logged(self, records: Sequence[Any]) -> None:
         """Close the pairs named by logged records that are in contact but not yet closed: no impact did so."""
         self.scene.numbers.continue_from(records[0].event)
         if set(map(name_of, records)) - {pair.name for pair in self._closed.by_pair}:
@@ -345,7 +346,9 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         """Reproduce a logged event in the modes before it."""
         self._changes.restore_before(event)
         # Before the event is applied: afterwards the modes, and the forces before it, are gone.
-        accuracy, effect = RecordAccuracy(self._closed), super().replay(event)
+        accuracy = RecordAccuracy(self._closed)
+        self._close_logged(event.records)
+        effect = super().replay(event)
         return effect._replace(accuracy=accuracy.fields(effect.records)) if effect is not None else None
 
     def refusal(self, _: UnilateralConstraint) -> str:
@@ -398,13 +401,19 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
             return False
         return bool(self._changes.left_at_once() or self._changes.pending() or self._closed.touches_elsewhere())
 
-    def begin_step(self) -> None:
+    def begin_step(self, left_s: float, *, continues: bool = False) -> float:
         """Start a (sub-)step: project out the drift of closed contacts, and choose the active set.
+
+        One that continues goes on with the active set and the modes of the step before, without projection.
 
         Raises:
             RunEnded: No friction modes are possible.
         """
-        self._located_s, self._account.projected = None, None
+        self._account.projected = None
+        if continues:
+            self._closed.stages.clear()
+            return left_s
+        self._located_s = None
         # In a steady state the active set and the modes of the step before hold on: nothing is decided anew.
         if not self._closed.steady.goes_on():
             # In this order: points that are released still count as sticking when drift is projected out, and slip from then
@@ -413,11 +422,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
             self._closed.update_pressing()
             self._closed.modes.begin_slip()
             self._closed.stages.clear()
-
-    def continue_step(self) -> None:
-        """Go on with the active set and the modes of the step before, without projection."""
-        self._account.projected = None
-        self._closed.stages.clear()
+        return self._closed.plan_step(left_s)
 
     def begin_steady_steps(self) -> SteadyContacts | None:
         """Closed contacts, if they may be steady; see :class:`ForceSource`."""
@@ -430,10 +435,6 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
     def snapshot(self) -> Callable[[], None]:
         """Return a function that restores the friction modes, which the start of a step chooses."""
         return self._closed.modes.snapshot()
-
-    def plan_step(self, left_s: float) -> float:
-        """Longest (sub-)step for points whose slip is about to stop; see :class:`ForceSource`."""
-        return self._closed.plan_step(left_s)
 
     def is_clear(self) -> bool:
         """Whether the active set and the features of the step's start are valid at its end, and its forces within it."""
@@ -479,8 +480,11 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         # The wrenches of the base class leave out limits, which act along a joint.
         self._limits.add_forces(applied)
 
-    def end_step(self, duration_s: float) -> Exchange | None:
+    def end_step(self, duration_s: float, *, trial: bool = False) -> Exchange | None:
         """Energy and momentum exchanged by the contact forces, and by the drift projection at the start of the step."""
+        if trial:
+            done, _ = self._account.exchanged(duration_s)
+            return None if done is None else done._replace(friction_J=self._account.work_without_heat(duration_s))
         steady = self._account.of_steady_step(duration_s)
         if steady is not None:
             return steady
@@ -490,14 +494,6 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         self._account.add_friction()
         self._account.add_overlap()
         return done
-
-    def exchanged(self, duration_s: float) -> Exchange | None:
-        """The same for a trial step that may be rejected."""
-        return self._account.exchanged(duration_s)[0]
-
-    def work_without_heat(self, duration_s: float) -> float:
-        """Work of the contact forces plus heat of sliding in a trial step, J."""
-        return self._account.work_without_heat(duration_s)
 
     def catch_up(self) -> str:
         """Drop limits that are left at once, and name the records of a change that is due; see :class:`Replayable`."""
