@@ -32,6 +32,7 @@ from ffsm_mj.dynamics.springs import FastestMode, JointSprings
 from ffsm_mj.dynamics.stiff_actuators import StiffActuators
 from ffsm_mj.errors import Fault, Faults, ScenarioFaults
 from ffsm_mj.fields.interface import Field, field_of
+from ffsm_mj.fields.magnetic import magnetic_field_of
 from ffsm_mj.fields.orbit import Orbit
 from ffsm_mj.fields.surroundings import Surroundings
 from ffsm_mj.log.recorder import RECORDED_ROWS
@@ -273,11 +274,11 @@ def external_fields(scenario: ScenarioConfig, scene: Scene) -> ExternalFields | 
 
 def surroundings_of(around: EnvironmentConfig | None, fields: ExternalFields | None) -> Surroundings:
     """What the sensors of a scenario know of its surroundings."""
-    orbit = around.orbit if around is not None else None
-    return Surroundings(
-        Orbit.of(orbit, around.world_axes) if around is not None and orbit is not None else None,
-        () if fields is None else fields.acting,
-    )
+    if around is None:
+        return Surroundings()
+    orbit = Orbit.of(around.orbit, around.world_axes) if around.orbit is not None else None
+    magnetic = magnetic_field_of(around.magnetic_field, orbit, around.epoch) if around.magnetic_field is not None else None
+    return Surroundings(orbit, () if fields is None else fields.acting, magnetic)
 
 
 def environment_metadata(around: EnvironmentConfig | None) -> dict[str, str]:
@@ -407,7 +408,8 @@ def _sampler(
     Raises:
         ScenarioFaults: A key of ``sensors`` does not fit them.
     """
-    sensors = sensors_of(scene.system, scenario.sensors, scenario.control_period_s, scenario.duration_s)
+    timing = scenario.control_period_s, scenario.duration_s
+    sensors = sensors_of(scene.system, scenario.sensors, *timing, surroundings.inertial)
     if not sensors:
         return None
     from ffsm_mj.sensing.sampler import SensorSampler

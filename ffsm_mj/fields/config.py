@@ -90,6 +90,29 @@ _ANGLES = {
 }
 
 
+IGRF_DIPOLE_NT = (-29350.0, -1410.3, 4545.5)
+"""g10, g11 and h11 of IGRF-14 at 2025.0 (IAGA Division V-MOD, https://doi.org/10.5281/zenodo.14012302), nT."""
+
+
+class DipoleConfig(StrictModel):
+    """Magnetic field of the Earth: its tilted dipole, which turns with it."""
+
+    kind: Literal["dipole"]
+    coefficients_nT: Vector = IGRF_DIPOLE_NT
+    """g10, g11 and h11, nT, at the radius of 6371.2 km; default: IGRF-14 at 2025.0."""
+
+
+class UniformMagneticConfig(StrictModel):
+    """The same magnetic field everywhere, constant in world axes."""
+
+    kind: Literal["uniform"]
+    field_T: Vector
+    """Flux density in world axes, T."""
+
+
+MagneticConfig = Annotated[DipoleConfig | UniformMagneticConfig, Field(discriminator="kind")]
+
+
 class OrbitFault(NamedTuple):
     """What is wrong, and with which key."""
 
@@ -97,13 +120,18 @@ class OrbitFault(NamedTuple):
     message: str
 
 
-def orbit_faults(orbit: OrbitConfig, world_axes: str) -> list[OrbitFault]:
-    """What is wrong with an orbit."""
-    faults = [*_faults_of_keys(orbit, world_axes)]
+def orbit_faults(orbit: OrbitConfig, inertial: str = "") -> list[OrbitFault]:
+    """What is wrong with an orbit.
+
+    Args:
+        orbit: The orbit.
+        inertial: What needs its place in the inertial axes of the body, as text; empty: nothing.
+    """
+    faults = [*_faults_of_keys(orbit, inertial)]
     return faults or [*_faults_of_size(orbit)]
 
 
-def _faults_of_keys(orbit: OrbitConfig, world_axes: str) -> Iterator[OrbitFault]:
+def _faults_of_keys(orbit: OrbitConfig, inertial: str) -> Iterator[OrbitFault]:
     """Keys that are missing, too many, or of another kind."""
     sizes, stated = _SIZES[orbit.kind], {name for name in type(orbit).model_fields if getattr(orbit, name) is not None}
     ways = " or ".join(" and ".join(keys) for keys in sizes)
@@ -117,10 +145,10 @@ def _faults_of_keys(orbit: OrbitConfig, world_axes: str) -> Iterator[OrbitFault]
     elif missing := [key for key in begun[0] if key not in stated]:
         yield OrbitFault("", f"{' and '.join(begun[0])} belong together; {missing[0]} is missing")
     needed = ["inclination_deg", _ANGLES[orbit.kind][0] if orbit.kind == "circular" else "argument_of_perigee_deg"]
-    needed = [*(needed if orbit.j2 or world_axes == "eci" else ()), *(["raan_deg"] if world_axes == "eci" else ())]
+    needed = [*(needed if orbit.j2 or inertial else ()), *(["raan_deg"] if inertial else ())]
     for key in needed if orbit.kind != "state" else ():
         if key not in stated:
-            yield OrbitFault(key, f"is needed with {'j2: true' if orbit.j2 else 'world_axes: eci'}")
+            yield OrbitFault(key, f"is needed with {inertial or 'j2: true'}")
     if orbit.j2 and orbit.central_body.j2 is None:
         yield OrbitFault("j2", "the central body has no j2; give body.j2")
 

@@ -101,6 +101,7 @@ class Orbit:
         rate_rad_s: Mean motion at t = 0.
         is_circular: Whether the distance is constant.
         kind: World axes: ``hill``, ``lvlh`` or ``eci``.
+        axes: World axes as columns in the inertial axes of the central body, (3, 3).
     """
 
     reference: KeplerOrbit | PerturbedOrbit
@@ -110,6 +111,7 @@ class Orbit:
     rate_rad_s: float
     is_circular: bool
     kind: str
+    axes: FloatArray
 
     @classmethod
     @lru_cache(maxsize=8)  # an integrated orbit serves the parts of a run, and the next runs
@@ -127,7 +129,7 @@ class Orbit:
         if oblateness:
             reference = PerturbedOrbit(mu, oblateness, world[2], np.concatenate((position, velocity)))
         round_and_free = config.kind == "circular" and not oblateness
-        return cls(reference, mu, oblateness, world[2], kepler.rate_rad_s, round_and_free, world_axes)
+        return cls(reference, mu, oblateness, world[2], kepler.rate_rad_s, round_and_free, world_axes, world)
 
     @property
     def spin(self) -> FloatArray:

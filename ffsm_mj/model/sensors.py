@@ -25,7 +25,7 @@ _UNITS = {
     "force": "N",
     "torque": "N m",
     "touch": "N",
-    "magnetometer": "",
+    "magnetometer": "T",
     "rangefinder": "m",
     "jointpos": "",
     "jointvel": "",
@@ -52,6 +52,8 @@ _UNITS = {
     "subtreeangmom": "N m s",
     "e_kinetic": "J",
     "clock": "s",
+    "startracker": "",
+    "horizon": "",
 }
 """Unit of each kind of sensor that can be measured, by its MJCF element; joints have that of their axis."""
 _ELEMENTS = {
@@ -64,8 +66,10 @@ _ELEMENTS = {
 """Elements of MJCF whose names differ from those of MuJoCo's types."""
 _HINGE = mujoco.mjtJoint.mjJNT_HINGE
 _DISTANCE_ONLY = 1 << int(mujoco.mjtRayDataField.mjRAYDATA_DIST)
-_DIRECTIONS = ("framexaxis", "frameyaxis", "framezaxis")
-_ROTATIONS = ("framequat", "ballquat")
+_DIRECTIONS = ("framexaxis", "frameyaxis", "framezaxis", "horizon")
+_ROTATIONS = ("framequat", "ballquat", "startracker")
+_TYPES = {"startracker": mujoco.mjtSensor.mjSENS_FRAMEQUAT, "horizon": mujoco.mjtSensor.mjSENS_FRAMEZAXIS}
+"""MuJoCo's sensors of the size and stage of those that it lacks; :mod:`ffsm_mj.sensing.reader` makes their values."""
 
 
 @dataclass(frozen=True)
@@ -226,6 +230,9 @@ AddedKind = Literal[
     "force",
     "torque",
     "touch",
+    "magnetometer",
+    "startracker",
+    "horizon",
     "jointpos",
     "jointvel",
 ]
@@ -272,7 +279,8 @@ def add_sensors(scene: Any, sensors: Iterable[AddedSensor], *, grasped: bool = F
             continue
         try:
             measured = _element(scene, sensor, "of")
-            mj_sensor = scene.add_sensor(name=sensor.name, type=getattr(mujoco.mjtSensor, f"mjSENS_{sensor.kind.upper()}"))
+            kind = _TYPES.get(sensor.kind) or getattr(mujoco.mjtSensor, f"mjSENS_{sensor.kind.upper()}")
+            mj_sensor = scene.add_sensor(name=sensor.name, type=kind)
             mj_sensor.objtype, mj_sensor.objname = measured
             if sensor.relative_to:
                 mj_sensor.reftype, mj_sensor.refname = _element(scene, sensor, "relative_to")

@@ -27,12 +27,13 @@ from ffsm_mj.fields.interface import PLUGINS as FIELDS
 from ffsm_mj.model.inline import inline_model
 from ffsm_mj.plugins import Plugins
 from ffsm_mj.records.signals import identifier
-from ffsm_mj.scenario.environment import environment_faults
+from ffsm_mj.scenario.environment import EnvironmentConfig, environment_faults
 from ffsm_mj.scenario.faults import KindNames, plain_faults
 from ffsm_mj.scenario.models import with_scene
 from ffsm_mj.scenario.phases import PhaseConfig, graph_faults, is_branching
 from ffsm_mj.scenario.scenario import ScenarioConfig, TruthConfig, timing_faults
 from ffsm_mj.scenario.source import YamlSource, read_yaml
+from ffsm_mj.sensing.config import SensorConfig
 
 _METHODS = {"controllers": ("start", "control", "telemetry"), "estimators": ("start", "update", "telemetry")}
 
@@ -382,9 +383,13 @@ def _other_faults(scenario: ScenarioConfig) -> list[Fault]:
         faults.add(f"gives {frames:.3g} frames for viewers; at most {_MOST_FRAMES:g}", "log", "view_rate_hz")
     around = scenario.environment
     if around is not None:
-        faults.collected += environment_faults(around)
+        stars = any(sensor.axes == "eci" for sensor in scenario.sensors.values())
+        faults.collected += environment_faults(around, stars=stars)
     if scenario.initial.frame != "world" and (around is None or around.orbit is None):
         faults.add("needs 'environment.orbit': LVLH are axes on an orbit", "initial", "frame")
+    for name, sensor in scenario.sensors.items():
+        if text := _lacking_for_sensor(sensor, around):
+            faults.add(text, "sensors", name, "axes" if sensor.axes == "eci" else "kind")
     if scenario.extends is not None:
         faults.add("can only stand in a scenario file", "extends")
     for reserved in {"robot", "world"} & set(scenario.objects):
@@ -398,6 +403,18 @@ def _other_faults(scenario: ScenarioConfig) -> list[Fault]:
             _check_phase(scenario, i, phase, of_phase)
     graph = graph_faults(scenario.phases) if is_branching(scenario.phases) else []
     return [*faults.collected, *grasp_faults(scenario), *graph]
+
+
+def _lacking_for_sensor(sensor: SensorConfig, around: EnvironmentConfig | None) -> str:
+    """What a sensor needs of the surroundings and they lack; empty if nothing."""
+    orbit = around is not None and around.orbit is not None
+    if sensor.kind == "horizon" and not orbit:
+        return "a horizon sensor needs 'environment.orbit': without it there is no nadir"
+    if sensor.axes == "eci" and not orbit:
+        return "eci are axes of a central body: they need 'environment.orbit'; world axes are inertial too"
+    if sensor.kind == "magnetometer" and (around is None or around.magnetic_field is None):
+        return "a magnetometer needs 'environment.magnetic_field'"
+    return ""
 
 
 def _check_phase(scenario: ScenarioConfig, i: int, phase: PhaseConfig, faults: Faults) -> None:

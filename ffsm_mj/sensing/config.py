@@ -12,6 +12,8 @@ from ffsm_mj.model.sensors import AddedKind, AddedSensor
 
 Components = float | Annotated[tuple[float, ...], Field(min_length=1, max_length=4)]
 """One number for all components of a value, or one for each."""
+Deviations = NonNegativeFloat | Annotated[tuple[NonNegativeFloat, ...], Field(min_length=1, max_length=4)]
+"""Standard deviations, likewise."""
 
 
 class FieldOfViewConfig(StrictModel):
@@ -33,11 +35,13 @@ class SensorConfig(StrictModel):
     """
 
     kind: AddedKind | None = None
-    """Element of MJCF, for a sensor that no model file has: one on or of an element of any model."""
+    """For a sensor that no model file has, on any model: an element of MJCF, ``startracker`` or ``horizon``."""
     of: Name | None = None
     """With ``kind``: site, body (of frame sensors) or joint that it is on or measures."""
     relative_to: Name | None = None
     """With ``kind`` of a frame sensor: site or body in whose frame it measures; default: the world."""
+    axes: Literal["world", "eci"] | None = None
+    """With ``kind: startracker``: inertial axes in which it measures: ``world`` (default), or ``eci`` of the orbit."""
     interval_s: PositiveFloat | None = None
     """Time between samples, s; default: ``interval`` of the model file, or else the control period."""
     first_s: NonNegativeFloat | None = None
@@ -54,9 +58,10 @@ class SensorConfig(StrictModel):
     """Constant error, in the unit of the value."""
     bias_walk: NonNegativeFloat = 0.0
     """Random walk of the bias: its standard deviation after one second, in the unit of the value over sqrt(s)."""
-    noise: NonNegativeFloat | None = None
-    """Standard deviation of the white noise of a sample, in the unit of the value; default: ``noise`` of the model file."""
-    noise_density: NonNegativeFloat | None = None
+    noise: Deviations | None = None
+    """Standard deviation of the white noise of a sample, in the unit of the value, of all components or of each; default:
+    ``noise`` of the model file."""
+    noise_density: Deviations | None = None
     """In place of ``noise``: its density, in the unit of the value over sqrt(Hz); a sample has density / sqrt(interval)."""
     range: tuple[float, float] | None = None
     """Least and greatest value of a component; beyond it the sensor saturates."""
@@ -77,6 +82,8 @@ class SensorConfig(StrictModel):
             raise ValueError("'kind' and 'of' go together: they add a sensor")
         if self.relative_to is not None and not (self.kind or "").startswith("frame"):
             raise ValueError("'relative_to' needs a 'kind' that begins with 'frame'")
+        if self.axes is not None and self.kind != "startracker":
+            raise ValueError("'axes' are those in which a sensor of 'kind: startracker' measures")
         if self.noise is not None and self.noise_density is not None:
             raise ValueError("has both 'noise' and 'noise_density'; leave one of them out")
         if self.range is not None and not self.range[0] < self.range[1]:

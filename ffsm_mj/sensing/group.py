@@ -92,7 +92,7 @@ class GroupErrors:
                 continue
             self._scale[part], self._bias[part], self._sigma[part] = sensor.scale, sensor.bias, sensor.noise
             self._low[part], self._high[part], self._quantum[part] = sensor.low, sensor.high, sensor.quantum
-            if sensor.noise > 0.0:
+            if sensor.noise.any():
                 self._noisy.append((error, part))
         self._scales = bool((self._scale != 1.0).any())
         self._clips = bool(np.isfinite(self._low).any() or np.isfinite(self._high).any())

@@ -23,6 +23,10 @@ _STAGES = {
 }
 
 
+_OF_SURROUNDINGS = ("accelerometer", "magnetometer", "startracker", "horizon")
+"""Kinds on sites whose values MuJoCo does not know, or not without the surroundings."""
+
+
 class _Evaluation(NamedTuple):
     """What the values of some groups of sensors take.
 
@@ -30,13 +34,13 @@ class _Evaluation(NamedTuple):
         stages: Functions of MuJoCo that evaluate them, in order.
         forces: Whether forces of contact models are needed there.
         touch: Values of touch sensors and their sites.
-        inertial: Values of accelerometers and their sites.
+        surrounded: Sensors of the surroundings, their values and their sites.
     """
 
     stages: tuple[Callable[[Any, Any], None], ...]
     forces: bool
     touch: tuple[tuple[slice, int], ...]
-    inertial: tuple[tuple[slice, int], ...]
+    surrounded: tuple[tuple[Sensor, slice, int], ...]
 
 
 class SensorReader:
@@ -45,6 +49,7 @@ class SensorReader:
     Forces and torques at a site are those that the body of the site passes on to its parent, from the accelerations of all
     bodies beyond and the contact forces and external fields on them. A touch sensor adds the normal forces whose points are
     inside its site. An accelerometer measures specific force: its acceleration less that of a free mass at its site.
+    Magnetometers, horizon sensors and star trackers measure the surroundings in the axes of their sites.
 
     Attributes:
         parts: Values of each group among those of all.
@@ -119,10 +124,8 @@ class SensorReader:
             whole = self._missing.copy()
             whole[self._there] = values
             values = whole
-        for part, site in evaluation.inertial:
-            # MuJoCo's reading has the uniform gravity of the model taken off, but no field: they are applied forces there.
-            fall = self._surroundings.free_fall(self._data.time, self._data.site_xpos[site])
-            values[part] -= fall @ self._data.site_xmat[site].reshape(3, 3)
+        for sensor, part, site in evaluation.surrounded:
+            values[part] = self._of_surroundings(sensor, values[part], site)
         if evaluation.touch:
             closed = contacts()
             for part, site in evaluation.touch:
@@ -134,19 +137,13 @@ class SensorReader:
         readings = [(sensor, self._id(sensor)) for g in due for sensor in self._groups[g]]
         there = [(sensor, number) for sensor, number in readings if number >= 0]
         needed = {int(self._model.sensor_needstage[number]) for _, number in there}
-        at_sites = {
-            kind: tuple(
-                (self._parts[sensor.name], int(self._model.sensor_objid[number]))
-                for sensor, number in there
-                if sensor.model.kind == kind
-            )
-            for kind in ("touch", "accelerometer")
-        }
+        at_sites = [(sensor, self._parts[sensor.name], int(self._model.sensor_objid[number])) for sensor, number in there]
+        surrounding = {*_OF_SURROUNDINGS} - ({"magnetometer"} if self._surroundings.magnetic is None else set())
         return _Evaluation(
             tuple(evaluate for stage, evaluate in _STAGES.items() if stage in needed),
             any(sensor.sums for sensor, _ in there),
-            at_sites["touch"],
-            at_sites["accelerometer"],
+            tuple((part, site) for sensor, part, site in at_sites if sensor.model.kind == "touch"),
+            tuple(one for one in at_sites if one[0].model.kind in surrounding),
         )
 
     def _evaluate(self, evaluation: _Evaluation, wrenches: Sequence[Wrench]) -> None:
@@ -164,6 +161,20 @@ class SensorReader:
         finally:
             if external is not None:
                 data.xfrc_applied[:] = external
+
+    def _of_surroundings(self, sensor: Sensor, value: FloatArray, site: int) -> FloatArray:
+        """Value of a sensor of the surroundings at a site, from MuJoCo's."""
+        around, data, kind = self._surroundings, self._data, sensor.model.kind
+        if kind == "startracker":
+            attitude = np.empty(4)
+            mujoco.mju_mulQuat(attitude, sensor.reference, value)
+            return attitude
+        where, axes = (data.time, data.site_xpos[site]), data.site_xmat[site].reshape(3, 3)
+        if kind == "accelerometer":
+            # MuJoCo's value has the uniform gravity of the model taken off, but no field: these are applied forces there.
+            return np.asarray(value - around.free_fall(*where) @ axes)
+        vector = around.nadir(*where) if kind == "horizon" or around.magnetic is None else around.magnetic.at(*where)
+        return np.asarray(vector @ axes)
 
     def _normal_force(self, contact: ActiveContact, site: int) -> float:
         """Normal force of a contact if it acts inside a site on the body of the site, N."""

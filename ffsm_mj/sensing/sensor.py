@@ -43,13 +43,15 @@ class Sensor:
         scale: Factor of each component, (errors,).
         bias: Constant error of each component, (errors,).
         walk: Standard deviation of the change of the bias from sample to sample.
-        noise: Standard deviation of the white noise of a sample.
+        noise: Standard deviation of the white noise of a sample of each component, (errors,).
         low: Least value of each component.
         high: Greatest value of each component.
         quantum: Resolution; 0: none.
         dropout: Probability that a sample never arrives.
         field_of_view: Where what is measured must be; None: anywhere.
         occlusion: Whether geoms may hide it.
+        reference: Attitude of the world axes in those in which a star tracker measures: a unit quaternion that turns vectors
+            of world axes into them, (4,).
     """
 
     model: ModelSensor
@@ -63,13 +65,14 @@ class Sensor:
     scale: FloatArray
     bias: FloatArray
     walk: float
-    noise: float
+    noise: FloatArray
     low: float
     high: float
     quantum: float
     dropout: float
     field_of_view: FieldOfViewConfig | None
     occlusion: bool
+    reference: FloatArray
 
     @property
     def name(self) -> str:
@@ -88,7 +91,11 @@ class Sensor:
 
 
 def sensors_of(
-    system: System, configs: Mapping[str, SensorConfig], control_period_s: float, duration_s: float
+    system: System,
+    configs: Mapping[str, SensorConfig],
+    control_period_s: float,
+    duration_s: float,
+    inertial: FloatArray = _IDENTITY,
 ) -> tuple[Sensor, ...]:
     """Sensors of the models with what the scenario sets, in MuJoCo's order.
 
@@ -97,6 +104,7 @@ def sensors_of(
         configs: What the scenario sets, by name.
         control_period_s: Interval of sensors that state none, s.
         duration_s: Duration of the run, s.
+        inertial: Attitude of the world axes in the inertial axes of the central body: a unit quaternion, (4,).
 
     Raises:
         ScenarioFaults: There is no such sensor or site, or a value does not fit the sensor; paths in the scenario.
@@ -117,7 +125,8 @@ def sensors_of(
         reasons = list(_faults(model, size, config))
         faults += [Fault(text, ("sensors", key, of)) for of, text in reasons]
         if not reasons:
-            sensors.append(_sensor(model, size, config, control_period_s))
+            reference = inertial if config.axes == "eci" else _IDENTITY
+            sensors.append(_sensor(model, size, config, control_period_s, reference))
             late = [of for of in ("delay_s", "first_s") if getattr(config, of) is not None]
             if late and sensors[-1].earliest_s >= duration_s:
                 text = (
@@ -133,7 +142,7 @@ def _faults(model: ModelSensor, size: int, config: SensorConfig) -> list[tuple[s
     """What does not fit a sensor, by key."""
     errors, kind = (size if model.shape == "vector" else 3), f"a <{model.kind}>"
     faults = []
-    for key in ("bias", "scale_error"):
+    for key in ("bias", "scale_error", "noise", "noise_density"):
         value = getattr(config, key)
         if isinstance(value, tuple) and len(value) != errors:
             faults.append((key, f"has {len(value)} numbers; the errors of {kind} have {errors} components"))
@@ -150,12 +159,14 @@ def _faults(model: ModelSensor, size: int, config: SensorConfig) -> list[tuple[s
     return faults
 
 
-def _sensor(model: ModelSensor, size: int, config: SensorConfig, control_period_s: float) -> Sensor:
+def _sensor(model: ModelSensor, size: int, config: SensorConfig, control_period_s: float, reference: FloatArray) -> Sensor:
     interval = _first(config.interval_s, model.interval_s) or control_period_s
     errors = size if model.shape == "vector" else 3
     cutoff = _first(config.cutoff, model.cutoff) or np.inf
     low, high = config.range or (-np.inf, np.inf)
-    noise = config.noise_density / interval**0.5 if config.noise_density is not None else _first(config.noise, model.noise)
+    noise = _per_component(model.noise if config.noise is None else config.noise, errors)
+    if config.noise_density is not None:
+        noise = _per_component(config.noise_density, errors) / interval**0.5
     return Sensor(
         model=model,
         size=size,
@@ -175,6 +186,7 @@ def _sensor(model: ModelSensor, size: int, config: SensorConfig, control_period_
         dropout=config.dropout,
         field_of_view=config.field_of_view,
         occlusion=config.occlusion,
+        reference=reference,
     )
 
 
@@ -207,7 +219,8 @@ class SensorErrors:
         self._dropout = NoiseStream(seed, f"{sensor.name}/dropout", 1)
         self._jitter = NoiseStream(seed, f"{sensor.name}/delay_jitter", 1)
         self.is_elementwise = sensor.model.shape == "vector" and not self._turns and sensor.walk == 0.0
-        self._adds = sensor.noise > 0.0 or sensor.walk > 0.0 or bool(sensor.bias.any())
+        self._noisy = bool(sensor.noise.any())
+        self._adds = self._noisy or sensor.walk > 0.0 or bool(sensor.bias.any())
         self.turns_by_noise = self._adds and sensor.model.shape == "rotation" and sensor.walk == 0.0
 
     def measured(self, value: FloatArray, sample: int) -> FloatArray:
@@ -248,7 +261,7 @@ class SensorErrors:
         sensor, added = self._sensor, self._sensor.bias
         if sensor.walk > 0.0:
             added = added + sensor.walk * self._walk.at(sample)
-        if sensor.noise > 0.0:
+        if self._noisy:
             added = added + sensor.noise * self.noise.normal(sample)
         return added
 

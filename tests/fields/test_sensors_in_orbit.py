@@ -1,13 +1,17 @@
-"""Sensors in orbit: accelerometers and force sensors in free fall against closed forms."""
+"""Sensors in orbit against closed forms: accelerometers and force sensors in free fall, stars, nadir, magnetic field."""
 
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 import ffsm_mj
+from ffsm_mj.errors import InputError
+from ffsm_mj.fields.magnetic import earth_rotation_angle
 from tests.fields.fields import FIELDS_OF_TESTS
 from tests.fields.test_orbit import LEO, RATE, failing, hill_start
 from tests.scenes import HEAD, ball, scene
+from tests.verification.independent.scenes import changed, independent
 
 MOMENTS = np.array((100.0, 400.0, 430.0))
 LEVER = np.array((0.3, 0.2, -0.1))
@@ -127,3 +131,144 @@ def test_a_force_sensor_knows_the_field(tmp_path):
     np.testing.assert_allclose(force, CHILD * (np.cross(alpha, s) - G @ s), rtol=0.0, atol=8e-12)
     torque = np.array([run[f"sensor.robot_twist_{axis}_N_m"][0] for axis in "xyz"])
     np.testing.assert_allclose(torque, ball_moment * alpha, rtol=0.0, atol=1e-15)
+
+
+EPOCH = "2027-03-01T12:00:00Z"
+PLACED = {**LEO, "inclination_deg": 97.0, "raan_deg": 40.0, "argument_of_latitude_deg": 25.0}
+DIPOLE = {"orbit": PLACED, "epoch": EPOCH, "magnetic_field": {"kind": "dipole"}}
+SENSORS = {
+    "stars": {"kind": "startracker", "of": "side", "axes": "eci", "interval_s": 0.75},
+    "stars_world": {"kind": "startracker", "of": "side", "interval_s": 0.75},
+    "nadir": {"kind": "horizon", "of": "side", "interval_s": 0.75},
+    "field": {"kind": "magnetometer", "of": "side", "interval_s": 0.75},
+    "site": {"kind": "framequat", "of": "side", "interval_s": 0.75},
+    "place": {"kind": "framepos", "of": "side", "interval_s": 0.75},
+}
+
+
+def read(run, sensor, parts, row=-1, ending=""):
+    return np.array([run[f"sensor.{sensor}_{part}{ending}"][row] for part in parts])
+
+
+def igrf_dipole(eci_m, days):
+    """Degree 1 of IGRF-14 at 2025.0 by the gradient of its potential in spherical coordinates of the Earth, ECI, T.
+
+    The angle is that of the IERS Conventions (2010), eq. 5.15, in whole and broken days.
+    """
+    turned = 2.0 * np.pi * ((0.7790572732640 + 1.00273781191135448 * days) % 1.0)
+    x, y, z = eci_m
+    r, theta, phi = np.linalg.norm(eci_m), np.arccos(z / np.linalg.norm(eci_m)), np.arctan2(y, x) - turned
+    g10, g11, h11 = -29350e-9, -1410.3e-9, 4545.5e-9
+    cubed = (6371.2e3 / r) ** 3
+    across = g11 * np.cos(phi) + h11 * np.sin(phi)
+    B = cubed * np.array(
+        (
+            2.0 * (g10 * np.cos(theta) + across * np.sin(theta)),
+            g10 * np.sin(theta) - across * np.cos(theta),
+            g11 * np.sin(phi) - h11 * np.cos(phi),
+        )
+    )
+    (s, c), (sp, cp) = (np.sin(theta), np.cos(theta)), (np.sin(phi + turned), np.cos(phi + turned))
+    return B @ np.array(((s * cp, s * sp, c), (c * cp, c * sp, -s), (-sp, cp, 0.0)))
+
+
+def elements(argument):
+    """Position in ECI at an argument of latitude of the orbit PLACED, and its Hill axes as columns."""
+    node, tilt = np.radians(40.0), np.radians(97.0)
+    ascending = np.array((np.cos(node), np.sin(node), 0.0))
+    normal = np.array((np.sin(node) * np.sin(tilt), -np.cos(node) * np.sin(tilt), np.cos(tilt)))
+    up = np.cos(argument) * ascending + np.sin(argument) * np.cross(normal, ascending)
+    return (6378137.0 + 400e3) * up, np.column_stack((up, np.cross(normal, up), normal))
+
+
+def test_the_earth_has_turned():
+    # ERA of pyerfa 2.0.1.5 (eraEra00 of IAU SOFA) for 2027-03-01 12:00 and 2025-01-01 0:00; 2 pi 2e-16 times 1e4 days.
+    assert earth_rotation_angle(9921.0) == pytest.approx(5.9117814849679675, abs=2e-11)
+    assert earth_rotation_angle(9131.5) == pytest.approx(1.7554386710824161, abs=2e-11)
+
+
+def test_stars_nadir_and_magnetic_field(tmp_path):
+    """Against orbital elements in ECI; the world axes are Hill's at t = 0, the sensors off the centre and turned."""
+    run = in_orbit(tmp_path, satellite(""), environment=DIPOLE, sensors=SENSORS, spin=SPIN, duration_s=3.0)
+    assert not failing(run)
+    argument, (_, hill) = np.radians(25.0), elements(np.radians(25.0))
+    for row in (2, -1):
+        time_s = run["sensor.nadir_sampled_s"][row]
+        assert time_s == (0.75 if row == 2 else 3.0)
+        site, place = turn(read(run, "site", "wxyz", row)), read(run, "place", "xyz", row, "_m")
+        R, _ = elements(argument + RATE * time_s)
+        place = R + hill @ place
+        attitude = turn(read(run, "stars", "wxyz", row))
+        np.testing.assert_allclose(attitude, hill @ site, atol=1e-14)
+        np.testing.assert_allclose(turn(read(run, "stars_world", "wxyz", row)), site, atol=1e-15)
+        np.testing.assert_allclose(
+            read(run, "nadir", "xyz", row), -attitude.T @ place / np.linalg.norm(place), rtol=0.0, atol=1e-14
+        )
+        field = igrf_dipole(place, 9921.0 + time_s / 86400.0)
+        assert 1e-5 < np.linalg.norm(field) < 6e-5
+        # The angle of the Earth has an error of 1e-11 rad, 5e-16 T.
+        np.testing.assert_allclose(read(run, "field", "xyz", row, "_T"), attitude.T @ field, rtol=0.0, atol=1e-15)
+
+
+def test_their_errors(tmp_path):
+    """A star tracker is five times worse about its boresight, the axis z of its site; the others have bias and noise."""
+    sensors = {
+        "stars": {**SENSORS["stars"], "interval_s": 0.005, "noise": [2e-4, 2e-4, 1e-3]},
+        "nadir": {**SENSORS["nadir"], "interval_s": 0.005, "bias": [1e-3, 0.0, 0.0]},
+        "field": {**SENSORS["field"], "interval_s": 0.005, "noise": [1e-7, 2e-7, 0.0], "bias": [0.0, 0.0, 3e-7]},
+    }
+    steps = {"time_step_s": 0.005, "control_period_s": 0.005, "duration_s": 2.0}
+    run = in_orbit(tmp_path, satellite(""), environment=DIPOLE, sensors=sensors, **steps)
+    checks = independent(run)
+    assert checks["sensor noise"].passes
+    assert checks["sensor values"].passes
+    for key, error in (("nadir_true_x", 1e-8), ("field_true_x_T", 1e-8), ("stars_true_w", 1e-8)):
+        other = independent(changed(run, f"sensor.{key}", lambda x, error=error: x + error))
+        assert not other["sensor values"].passes, key
+    rows = range(400)
+    measured, true = ([turn(read(run, "stars" + kind, "wxyz", row)) for row in rows] for kind in ("", "_true"))
+    turns = np.array(
+        [(M := T.T @ Q)[[2, 0, 1], [1, 2, 0]] - M[[1, 2, 0], [2, 0, 1]] for Q, T in zip(measured, true, strict=True)]
+    )
+    # 400 samples: the standard deviation of a deviation is 1 / sqrt(800) = 3.5 %.
+    np.testing.assert_allclose(turns.std(axis=0) / 2.0, (2e-4, 2e-4, 1e-3), rtol=0.15)
+    v, u = read(run, "nadir", "xyz"), read(run, "nadir_true", "xyz")
+    np.testing.assert_allclose(np.linalg.norm(v), 1.0, rtol=1e-15)
+    np.testing.assert_allclose(v - u, np.cross((1e-3, 0, 0), u), atol=6e-7)  # half of the angle squared
+    away = np.array([read(run, "field", "xyz", k, "_T") - read(run, "field_true", "xyz", k, "_T") for k in rows])
+    np.testing.assert_allclose(away.std(axis=0), (1e-7, 2e-7, 0.0), rtol=0.15, atol=1e-20)
+    np.testing.assert_allclose(away[:, 2], 3e-7, rtol=1e-9)
+
+
+def test_a_uniform_magnetic_field_needs_no_orbit(tmp_path):
+    field = {"kind": "uniform", "field_T": [1e-5, 2e-5, -3e-5]}
+    sensors = {name: SENSORS[name] for name in ("field", "site", "stars_world")}
+    run = in_orbit(tmp_path, satellite(""), environment={"magnetic_field": field}, sensors=sensors, spin=SPIN)
+    site = turn(read(run, "site", "wxyz"))
+    np.testing.assert_allclose(read(run, "field", "xyz", -1, "_T"), site.T @ (1e-5, 2e-5, -3e-5), atol=1e-20)
+    np.testing.assert_array_equal(read(run, "stars_world", "wxyz"), read(run, "site", "wxyz"))
+
+
+@pytest.mark.parametrize(
+    ("environment", "sensors", "fault"),
+    [
+        (None, {"s": {"kind": "horizon", "of": "side"}}, r"sensors\.s\.kind: a horizon sensor needs 'environment\.orbit'"),
+        (None, {"s": {"kind": "magnetometer", "of": "side"}}, r"sensors\.s\.kind: a magnetometer needs"),
+        (None, {"s": {**SENSORS["stars"]}}, r"sensors\.s\.axes: eci are axes of a central body"),
+        ({"orbit": LEO}, {"s": {**SENSORS["stars"]}}, r"inclination_deg: is needed with the axes eci of a star"),
+        (None, {"s": {"kind": "gyro", "of": "side", "axes": "eci"}}, r"sensors\.s: 'axes' are those in which"),
+        ({"orbit": LEO}, {"s": {"kind": "horizon", "of": "hub"}}, r"sensors\.s\.of: unknown site 'hub'"),
+        (None, {"s": {**SENSORS["stars_world"], "noise": [1e-4, 1e-4]}}, r"sensors\.s\.noise: has 2 numbers"),
+        (None, {"s": {**SENSORS["stars_world"], "noise": [1e-4, -1e-4, 0.0]}}, r"sensors\.s\.noise"),
+        ({"magnetic_field": {"kind": "dipole"}}, {}, r"magnetic_field\.kind: the dipole of the Earth needs"),
+        ({**DIPOLE, "epoch": None}, {}, r"magnetic_field\.kind: the dipole turns with the Earth: it needs"),
+        ({**DIPOLE, "orbit": {"altitude_km": 400.0, "body": "mars"}}, {}, r"kind: the dipole is that of the Earth"),
+        ({**DIPOLE, "orbit": LEO}, {}, r"orbit\.raan_deg: is needed with magnetic_field: \{kind: dipole\}"),
+        ({"magnetic_field": {"kind": "uniform", "field_T": [0.0, float("nan"), 0.0]}}, {}, r"field_T"),
+        ({"magnetic_field": {"kind": "igrf"}}, {}, r"magnetic_field\.kind: .*dipole"),
+    ],
+)  # fmt: skip
+def test_faults(tmp_path, environment, sensors, fault):
+    keys = {} if environment is None else {"environment": environment}
+    with pytest.raises(InputError, match=r"scene\.yaml:1:\d+: .*" + fault):
+        ffsm_mj.run(scene(tmp_path, satellite(""), {}, sensors=sensors, **keys))

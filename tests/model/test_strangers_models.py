@@ -65,7 +65,7 @@ def test_the_magnetic_field_is_that_of_the_file(tmp_path):
         system(tmp_path, bus(field), ["other"], other=bus('<option gravity="0 0 0" magnetic="1 0 0"/>'))
     path = scene(tmp_path, bus(field, site='<site name="s"/>', sensor=sensor), {}, duration_s=0.1)
     run = ffsm_mj.run(path, rerun=False)
-    assert [run[f"sensor.robot_mag_{axis}"][-1] for axis in "xyz"] == [2e-5, 0.0, 3e-5]
+    assert [run[f"sensor.robot_mag_{axis}_T"][-1] for axis in "xyz"] == [2e-5, 0.0, 3e-5]
 
 
 def test_an_effort_limit_of_a_joint_bounds_what_its_motor_delivers(tmp_path):

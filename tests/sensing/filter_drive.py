@@ -71,7 +71,7 @@ def filter_of(system: System, sensors: dict[str, Sensor], **config: Any) -> Mekf
 
 def noiseless(sensors: dict[str, Sensor]) -> dict[str, Sensor]:
     """The same sensors without noise."""
-    return {name: replace(sensor, noise=0.0) for name, sensor in sensors.items()}
+    return {name: replace(sensor, noise=0.0 * sensor.noise) for name, sensor in sensors.items()}
 
 
 class Truth:

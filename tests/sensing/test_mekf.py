@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from ffsm_controllers.estimators.frames import axes_of
 from ffsm_controllers.estimators.mekf.config import MekfConfig
 from ffsm_controllers.estimators.mekf.estimate import Estimate, right_jacobian
 from ffsm_controllers.estimators.mekf.frame_measurement import KINDS, measurement_of
@@ -21,6 +22,8 @@ from ffsm_mj.errors import ScenarioFaults
 from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.files import read_model
 from ffsm_mj.model.sensors import AddedSensor
+from ffsm_mj.sensing.config import SensorConfig
+from ffsm_mj.sensing.sensor import sensors_of
 from tests.scenes import box
 from tests.sensing.filter_drive import (
     CAMERA,
@@ -38,6 +41,8 @@ from tests.sensing.scenes import arm
 
 STILL = {"acceleration_density": 0.0, "angular_acceleration_density": 0.0}
 DIFFERENCE = 1e-5
+INERTIAL = np.array((0.5, -0.1, 0.7, 0.5))
+"""Attitude of the world axes in those of the orbit."""
 FAR = np.tile(np.concatenate(([0.2, -0.1, 0.1], [0.3, -0.4, 0.166], [0.05, 0.02, -0.03], [0.05, -0.04, 0.02])), 2)
 """Initial errors: the attitude by 30 degrees (0.527 rad)."""
 
@@ -55,6 +60,7 @@ def moving_arm(tmp_path_factory):
     (folder / "robot.xml").write_text(arm(own))
     (folder / "b.xml").write_text(box("b", mass=5.0, half=(0.2, 0.3, 0.5)).replace('pos="0 0 0"', 'pos=".1 .2 -.1"', 1))
     added = [AddedSensor(kind, kind, "b/b", "wrist") for kind in KINDS if kind.startswith("frame")]
+    added.append(AddedSensor("startracker", "startracker", "imu"))
     made = compile_system(
         read_model(folder / "robot.xml"), {"b": read_model(folder / "b.xml")}, time_step_s=0.01, sensors=added
     )
@@ -72,11 +78,17 @@ def believed(system, data, covariance=None):
     return Estimate(layout, made, covariance)
 
 
+def sensor_in(system, name):
+    """A sensor without errors; star trackers measure in the axes of the orbit."""
+    configs = {"startracker": SensorConfig(kind="startracker", of="imu", axes="eci")}
+    return next(one for one in sensors_of(system, configs, 0.05, 10.0, INERTIAL) if one.name == name)
+
+
 def rated(value, time_s=0.0, valid=True):
     return Measurement(np.asarray(value, dtype=float), time_s, 0.0, valid)
 
 
-@pytest.mark.parametrize("sensor", ["gyro", "velocimeter", *(kind for kind in KINDS if kind.startswith("frame"))])
+@pytest.mark.parametrize("sensor", list(KINDS))
 def test_measurements_are_those_of_mujoco_with_their_derivatives(moving_arm, sensor):
     """At the truth the innovation is zero; central differences of 1e-5 err by 1e-10 of second derivatives of order 1."""
     system, data = moving_arm
@@ -84,7 +96,9 @@ def test_measurements_are_those_of_mujoco_with_their_derivatives(moving_arm, sen
     system.mj.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
     mujoco.mj_forward(system.mj, data)
     value = data.sensor(name).data.copy()
-    measurement = measurement_of(system.mj, floating_bodies(system), name, sensor)
+    if sensor == "startracker":  # in axes that are not the world's
+        mujoco.mju_mulQuat(value, INERTIAL, value.copy())
+    measurement = measurement_of(system.mj, floating_bodies(system), sensor_in(system, name))
     innovation, slope = measurement.innovation(system.mj, believed(system, data), value)
     assert np.abs(innovation).max() < 1e-12
     for i in range(slope.shape[1]):
@@ -104,7 +118,7 @@ def test_errors_of_encoders_are_noise_of_what_is_seen_across_the_joints(moving_a
     system.mj.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
     mujoco.mj_forward(system.mj, data)
     value = data.sensor(sensor).data.copy()
-    measurement = measurement_of(system.mj, floating_bodies(system), sensor, sensor)
+    measurement = measurement_of(system.mj, floating_bodies(system), sensor_in(system, sensor))
     dofs = [joint.dofs.start for joint in joints]
     slope = measurement.innovation(system.mj, believed(system, data), value, dofs)[1][:, 24:]
     assert np.abs(slope).max() > 0.1
@@ -128,7 +142,7 @@ def test_a_camera_on_a_joint_with_a_noisy_encoder_is_believed_as_far_as_it_is_go
     robot = SATELLITE.replace(eye, f'<body name="link" pos=".3 .1 0">{inside}').replace("</sensor>", encoder)
     system = satellites(tmp_path, robot=robot)
     sensors = sensors_in(system)
-    sensors["robot/encoder"] = replace(sensors["robot/encoder"], noise=0.02)
+    sensors["robot/encoder"] = replace(sensors["robot/encoder"], noise=np.array([0.02]))
     found = []
     for believed_rad in (0.02, 0.0):
         drive = Drive(system, sensors, filter_of(system, sensors, noise={"encoder": believed_rad}), seed=1)
@@ -231,15 +245,19 @@ def test_a_correction_turns_quaternion_and_covariance(system):
         ({"noise": 0.02, "quantum": 0.1}, {}, math.hypot(0.02, 0.1 / math.sqrt(12.0))),
         ({"noise": 0.0}, {"floor": {"rate_rad_s": 0.001}}, 0.001),
         ({"noise": 0.02}, {"noise": {"gyro": 0.05}}, 0.05),
+        ({"noise": (0.02, 0.03, 0.05)}, {}, (0.02, 0.03, 0.05)),
     ],
 )
 def test_what_the_filter_believes_of_a_sample(system, sensor, config, expected):
     """Noise and rounding, the floor, or what is stated: after one sample of a gyro, it is what is left."""
     sensors = sensors_in(system)
-    sensors["robot/gyro"] = replace(sensors["robot/gyro"], **sensor)
+    noise = np.broadcast_to(sensor["noise"], 3)
+    sensors["robot/gyro"] = replace(sensors["robot/gyro"], **{**sensor, "noise": noise})
     made = filter_of(system, sensors, initial={"rate_rad_s": 1e3}, **config)
     Drive(system, sensors, made, 0).run(0)
-    assert np.sqrt(np.diagonal(made.covariance("robot"))[9:]) == pytest.approx(np.full(3, expected), rel=1e-6)
+    axes = axes_of(system.mj.site("robot/imu").quat)
+    left = axes.T @ made.covariance("robot")[9:, 9:] @ axes  # in axes of the sensor
+    assert np.sqrt(np.diagonal(left)) == pytest.approx(np.broadcast_to(expected, 3), rel=1e-6)
 
 
 def test_thirty_degrees_are_corrected_at_once_by_an_exact_attitude(system):

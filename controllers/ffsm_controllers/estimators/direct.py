@@ -26,8 +26,8 @@ class Direct(Stateful):
     """The newest valid sample of each quantity, moved over its age by the model's own free motion.
 
     - Coordinates and rates of joints come from ``jointpos``, ``jointvel``, ``ballquat``, ``ballangvel``; pose and twist of
-      a floating body from ``framepos``, ``framequat``, ``framelinvel``, ``frameangvel``, ``gyro`` and ``velocimeter`` on it,
-      relative to the world or to a frame of another model, whose estimate is used.
+      a floating body from ``framepos``, ``framequat``, ``startracker``, ``framelinvel``, ``frameangvel``, ``gyro`` and
+      ``velocimeter`` on it, relative to the world or to a frame of another model, whose estimate is used.
     - A rate without a sensor is the difference of two samples, with a first-order filter (``rate_filter_s``).
     - What nothing measures moves as the model predicts it from the initial state, under the efforts held.
     """

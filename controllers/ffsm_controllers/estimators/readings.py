@@ -126,7 +126,7 @@ def readings_of_joints(system: System, sensors: Mapping[str, Sensor], rate_filte
 
 
 def _readings(system: System, sensors: Mapping[str, Sensor], rate_filter_s: float) -> list[Reading]:
-    readings = [reading for name in sensors if (reading := _reading(system, name)) is not None]
+    readings = [reading for name in sensors if (reading := _reading(system, sensors[name])) is not None]
     rated = {(reading.order, dof) for reading in readings for dof in range(reading.dofs.start, reading.dofs.stop)}
     for reading in readings:
         if reading.order != "twist" and ("twist", reading.dofs.start) not in rated:
@@ -146,14 +146,14 @@ def _turn(before: FloatArray, after: FloatArray) -> FloatArray:
     return turn
 
 
-def _reading(system: System, name: str) -> Reading | None:
+def _reading(system: System, sensor: Sensor) -> Reading | None:
     """Reading of a sensor; None if it measures nothing of the state directly."""
-    model, kind = system.mj, system.sensors[name].kind
+    model, name, kind = system.mj, sensor.name, sensor.model.kind
     number = int(model.sensor(name).id)
     target = int(model.sensor_objid[number])
     if kind in _OF_JOINTS:
         return _of_joint(model, name, kind, target)
-    if not (kind.startswith("frame") or kind in ("gyro", "velocimeter")):
+    if not (kind.startswith("frame") or kind in ("gyro", "velocimeter", "startracker")):
         return None
     frame = frame_of(model, int(model.sensor_objtype[number]), target)
     free = root_frame(model, frame)
@@ -162,7 +162,7 @@ def _reading(system: System, name: str) -> Reading | None:
     reference = frame_of(model, int(model.sensor_reftype[number]), int(model.sensor_refid[number]))
     if reference.body and model.body_rootid[reference.body] == model.body_rootid[frame.body]:
         return None  # of one part of a model relative to another
-    return _of_floating_body(model, name, kind, frame, reference, free)
+    return _of_floating_body(model, sensor, frame, reference, free)
 
 
 def _of_joint(model: Any, name: str, kind: str, joint: int) -> Reading:
@@ -181,8 +181,9 @@ def _of_joint(model: Any, name: str, kind: str, joint: int) -> Reading:
     return Reading(name, "twist", slice(q, q), dofs, write_rates)
 
 
-def _of_floating_body(model: Any, name: str, kind: str, frame: Frame, reference: Frame, joint: int) -> Reading | None:
+def _of_floating_body(model: Any, sensor: Sensor, frame: Frame, reference: Frame, joint: int) -> Reading | None:
     """Reading of a frame that is fixed to a body with a free joint."""
+    name, kind, stars = sensor.name, sensor.model.kind, axes_of(sensor.reference)
     q, v = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
     place, attitude = slice(q, q + 3), slice(q + 3, q + 7)
     linear, angular = slice(v, v + 3), slice(v + 3, v + 6)
@@ -195,6 +196,9 @@ def _of_floating_body(model: Any, name: str, kind: str, frame: Frame, reference:
     def write_attitude(value: FloatArray, data: Any) -> None:
         _, axes = reference.pose(data)
         data.qpos[attitude] = _quaternion(axes @ axes_of(value) @ frame.axes.T)
+
+    def write_attitude_to_stars(value: FloatArray, data: Any) -> None:
+        data.qpos[attitude] = _quaternion(stars.T @ axes_of(value) @ frame.axes.T)
 
     def write_velocity(value: FloatArray, data: Any) -> None:
         body = axes_of(data.qpos[attitude])
@@ -218,6 +222,7 @@ def _of_floating_body(model: Any, name: str, kind: str, frame: Frame, reference:
     return {
         "framepos": Reading(name, "position", place, linear, write_position),
         "framequat": Reading(name, "attitude", attitude, angular, write_attitude),
+        "startracker": Reading(name, "attitude", attitude, angular, write_attitude_to_stars),
         "framelinvel": Reading(name, "twist", nothing, linear, write_velocity),
         "velocimeter": Reading(name, "twist", nothing, linear, write_velocity),
         "frameangvel": Reading(name, "twist", nothing, angular, write_angular),

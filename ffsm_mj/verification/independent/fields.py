@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,8 @@ _BODIES = {
 _LVLH_OF_HILL = np.array(((0.0, 1.0, 0.0), (0.0, 0.0, -1.0), (-1.0, 0.0, 0.0)))
 """Hill's axes as columns in LVLH axes: V-bar forward, -H-bar, R-bar down."""
 _UNIFORM = "uniform"
+_IGRF_NT = (-29350.0, -1410.3, 4545.5)
+"""g10, g11 and h11 of IGRF-14 at 2025.0."""
 
 
 class KnownFields:
@@ -33,6 +36,7 @@ class KnownFields:
     Attributes:
         are_all: Whether these are all its external fields: others are code of users.
         orbit: The orbit; None: there is none.
+        magnetic: The magnetic field; None: there is none but that of the models.
     """
 
     def __init__(self, scenario: Mapping[str, Any]) -> None:
@@ -47,6 +51,7 @@ class KnownFields:
         uniform = [field["acceleration_m_s2"] for field in fields if field["kind"] == _UNIFORM]
         self._uniform = np.sum(np.array(uniform, dtype=float).reshape(-1, 3), axis=0)
         self.orbit = Orbit(environment) if environment.get("orbit") else None
+        self.magnetic = MagneticField(environment, self.orbit) if environment.get("magnetic_field") else None
 
     def wrench(self, time_s: float, mass: float, position: Array, inertia: Array) -> Array:
         """Force on a body, N, and torque about its mass centre, N m, world axes, (6,).
@@ -66,7 +71,11 @@ class KnownFields:
 
 
 class Orbit:
-    """The orbit of the origin of a scene, and what gravitation leaves in its free fall."""
+    """The orbit of the origin of a scene, and what gravitation leaves in its free fall.
+
+    Attributes:
+        axes: World axes as columns in the inertial axes of the central body, (3, 3).
+    """
 
     def __init__(self, environment: Mapping[str, Any]) -> None:
         """Take the state at t = 0, and the axes in which it is stated.
@@ -83,6 +92,7 @@ class Orbit:
         kind = environment.get("world_axes") or "hill"
         world = {"hill": np.eye(3), "lvlh": _LVLH_OF_HILL, "eci": along}[kind]
         self._pole, self._R, self._V = world @ along[2], world @ R, world @ V
+        self.axes = along @ world.T
         self._elements = _Equinoctial(self._mu, self._R, self._V)
         self._last = 0.0, np.concatenate((self._R, self._V))
 
@@ -131,6 +141,46 @@ class Orbit:
         # Gradient of the second-order potential mu / (2 |p|^3) (3 u.I u - tr I), with the sign of a force.
         force = -gradient / (2.0 * distance) * ((np.trace(inertia) - 5.0 * up @ Iu) * up + 2.0 * Iu)
         return np.concatenate((mass * self.tide(time_s, position) + force, gradient * np.cross(up, Iu)))
+
+
+class MagneticField:
+    """Magnetic field of a scene: uniform, or the terms of degree 1 of the Earth's potential, in spherical coordinates."""
+
+    def __init__(self, environment: Mapping[str, Any], orbit: Orbit | None) -> None:
+        """Read the scenario.
+
+        Raises:
+            LookupError: A key is missing.
+        """
+        stated = environment["magnetic_field"]
+        self._uniform = np.array(stated["field_T"], dtype=float) if stated["kind"] == _UNIFORM else None
+        if self._uniform is None and orbit is not None:
+            self._orbit, self._g = orbit, 1e-9 * np.array(stated.get("coefficients_nT") or _IGRF_NT)
+            since = datetime.fromisoformat(environment["epoch"]) - datetime(2000, 1, 1, 12, tzinfo=UTC)
+            self._days, self._seconds = since.days, since.seconds
+
+    def at(self, time_s: float, position: Array) -> Array:
+        """Flux density at a position, world axes, T, (3,)."""
+        if self._uniform is not None:
+            return self._uniform
+        # Turns of the Earth, IERS Conventions (2010), eq. 5.15: of whole days, and of seconds.
+        day = (self._seconds + time_s) / 86400.0
+        turns = 0.7790572732640 + 0.00273781191135448 * self._days + 1.00273781191135448 * day
+        x, y, z = self._orbit.axes @ (self._orbit.position(time_s) + position)
+        east, r = math.atan2(y, x), math.sqrt(x * x + y * y + z * z)
+        colatitude, longitude = math.acos(z / r), east - math.tau * (turns % 1.0)
+        polar, *equatorial = self._g * (6371.2e3 / r) ** 3
+        across = equatorial[0] * math.cos(longitude) + equatorial[1] * math.sin(longitude)
+        sine, cosine = math.sin(colatitude), math.cos(colatitude)
+        of_radius = 2.0 * (polar * cosine + across * sine)
+        of_colatitude = polar * sine - across * cosine
+        of_longitude = equatorial[0] * math.sin(longitude) - equatorial[1] * math.cos(longitude)
+        outward, south = of_radius * sine + of_colatitude * cosine, of_radius * cosine - of_colatitude * sine
+        level = (
+            outward * math.cos(east) - of_longitude * math.sin(east),
+            outward * math.sin(east) + of_longitude * math.cos(east),
+        )
+        return np.asarray(np.array((*level, south)) @ self._orbit.axes)
 
 
 def _start(stated: Mapping[str, Any], mu: float, radius_km: float) -> tuple[Array, Array, Array]:

@@ -121,7 +121,9 @@ class SensorErrors:
         self._draws = cache(self._drawn)
         interval_s = sensor.interval_s
         density = of("noise_density", None)
-        self._noise = of("noise", sensor.model.noise) if density is None else density / np.sqrt(interval_s)
+        self._noise = np.array(of("noise", sensor.model.noise) if density is None else density) / (
+            1.0 if density is None else np.sqrt(interval_s)
+        )
         self._walk = of("bias_walk", 0.0) * np.sqrt(interval_s)
         self._bias, self._scale = (np.broadcast_to(of(key, 0.0), self._size) for key in ("bias", "scale_error"))
         self._frame = _turn(np.array([of("misalignment_rad", (0.0, 0.0, 0.0))], dtype=float))[0].T
@@ -153,7 +155,7 @@ class SensorErrors:
             every = np.arange(1.0, max(float(samples.max()), 1.0) + 1.0)
             path = np.vstack((np.zeros(self._size), np.cumsum(self.draws("/bias_walk", every), axis=0)))
             added += self._walk * path[samples.astype(int)]
-        return np.asarray(added + self._noise * self.draws("", samples) if self._noise else added)
+        return np.asarray(added + self._noise * self.draws("", samples) if self._noise.any() else added)
 
     def residual(self, samples: Array, true: Array, measured: Array) -> Array:
         """Measured values less those made again, (n, number of components)."""
@@ -278,20 +280,32 @@ def sensor_values(scene: LoggedScene, rows: LoggedRows, sensors: Sequence[Sensor
                 continue  # the joint is gone while a grasp is closed, or forces are not known
             if closed and sensor.model.kind.startswith("subtree"):
                 continue  # MuJoCo's subtree of a link contains what it grasps
-            value = np.array(scene.data.sensor(sensor.name).data)
-            if sensor.model.kind == "accelerometer":
-                value -= _free_fall(scene, sensor.name)
+            value = _value(scene, sensor)
             if sensor.model.shape == "rotation" and value @ logged < 0.0:
                 value = -value  # both signs are one orientation
             worst.add(sensor.name, value - logged, logged, rows.time_s(at), sensor.model.unit)
     return worst.findings
 
 
-def _free_fall(scene: LoggedScene, name: str) -> Array:
-    """Acceleration of a free mass at the site of an accelerometer, in its axes: MuJoCo takes off uniform gravity alone."""
-    site = int(scene.model.sensor(name).objid[0])
-    falls = scene.fields.acceleration(scene.data.time, scene.data.site_xpos[site])
-    return np.asarray(falls @ scene.data.site_xmat[site].reshape(3, 3))
+def _value(scene: LoggedScene, sensor: SensorSettings) -> Array:
+    """True value of a sensor at the state in the data, whose surroundings MuJoCo does not know."""
+    data, kind, fields = scene.data, sensor.model.kind, scene.fields
+    value = np.array(data.sensor(sensor.name).data)
+    if kind == "startracker" and fields.orbit is not None and sensor.value("axes", "world") == "eci":
+        attitude = np.empty(4)
+        mujoco.mju_mat2Quat(attitude, fields.orbit.axes.ravel())
+        return np.asarray(_product(attitude[None], value[None])[0])
+    if kind not in ("accelerometer", "horizon", "magnetometer"):
+        return value
+    site = int(scene.model.sensor(sensor.name).objid[0])
+    place, axes = data.site_xpos[site], data.site_xmat[site].reshape(3, 3)
+    if kind == "horizon" and fields.orbit is not None:
+        down = -(fields.orbit.position(data.time) + place) @ axes
+        return np.asarray(down / np.linalg.norm(down))
+    if kind == "magnetometer":
+        return value if fields.magnetic is None else np.asarray(fields.magnetic.at(data.time, place) @ axes)
+    # Of an accelerometer MuJoCo takes off uniform gravity alone.
+    return np.asarray(value - fields.acceleration(data.time, place) @ axes)
 
 
 def _put(scene: LoggedScene, rows: LoggedRows, at: int, *, with_forces: bool) -> bool:

@@ -51,8 +51,9 @@ class Mekf(Stateful):
     - Attitudes are quaternions; their errors are rotation vectors in body axes, whose mean is zero after every update
       (Markley and Crassidis 2014, 6.2; Sola 2017, 5 and 6).
     - Floating bodies move as the model predicts it under the efforts held; see :class:`~.propagation.Propagation`.
-    - ``framepos``, ``framequat``, ``framelinvel``, ``frameangvel``, ``gyro`` and ``velocimeter`` update them, of frames on
-      any body of their trees, relative to the world or to frames of other trees: relative ones correct both.
+    - ``framepos``, ``framequat``, ``startracker``, ``framelinvel``, ``frameangvel``, ``gyro`` and ``velocimeter`` update
+      them, of frames on any body of their trees, relative to the world or to frames of other trees: relative ones correct
+      both.
     - Joints are as measured last, with a stated filter on rates from differences; the errors of their coordinates are noise
       of the places and attitudes that are measured across them, see :class:`~.joints.EncoderErrors`.
     - Samples are used at their own time, late ones too; see :class:`~.history.History`. Of several samples of a sensor that
@@ -83,8 +84,7 @@ class Mekf(Stateful):
         """
         system, model = context.system, context.system.mj
         bodies = floating_bodies(system)
-        kinds = {name: sensor.model.kind for name, sensor in context.sensors.items()}
-        measurements = [measurement_of(model, bodies, name, kind) for name, kind in kinds.items()]
+        measurements = [measurement_of(model, bodies, sensor) for sensor in context.sensors.values()]
         self._frames = [measurement for measurement in measurements if measurement is not None]
         joints = readings_of_joints(system, context.sensors, config.rate_filter_s)
         used = [frame.sensor for frame in self._frames] + [joint.sensor for joint in joints if joint.measures_coordinates]
@@ -95,7 +95,7 @@ class Mekf(Stateful):
         biased = [frame.sensor for frame in self._frames if frame.kind == "gyro" and config.gyro_bias_rad_s is not None]
         self._layout = Layout(bodies, biased)
         self._deviations = {
-            frame.sensor: _deviation(sensors[frame.sensor], believed.get(frame.sensor), config) for frame in self._frames
+            frame.sensor: _deviations(sensors[frame.sensor], believed.get(frame.sensor), config) for frame in self._frames
         }
         self._joints = joints
         self._encoders = encoder_errors(joints, sensors, believed)
@@ -219,7 +219,7 @@ class Mekf(Stateful):
         return entries
 
     def _measure(self, sensor: str, value: FloatArray, estimate: Estimate) -> Innovation:
-        size, noise = self._layout.size, self._deviations[sensor] ** 2 * np.eye(3)
+        size, noise = self._layout.size, np.diag(self._deviations[sensor] ** 2)
         frame = next(candidate for candidate in self._frames if candidate.sensor == sensor)
         dofs = self._encoders.dofs if frame.by_joints else ()
         innovation, slope = frame.innovation(self._system.mj, estimate, value, dofs)
@@ -302,10 +302,10 @@ def _believed_noise(system: System, used: Collection[str], config: MekfConfig) -
     return variances, faults
 
 
-def _deviation(sensor: Sensor, believed: float | None, config: MekfConfig) -> float:
-    """Standard deviation of a component of a sample: white noise and rounding, at least the floor."""
-    noise = white_noise(sensor) if believed is None else believed
-    return max(noise, float(getattr(config.floor, KINDS[sensor.model.kind])))
+def _deviations(sensor: Sensor, believed: float | None, config: MekfConfig) -> FloatArray:
+    """Standard deviation of each component of a sample, (3,): white noise and rounding, at least the floor."""
+    noise = white_noise(sensor) if believed is None else np.full(3, believed)
+    return np.maximum(noise, float(getattr(config.floor, KINDS[sensor.model.kind])))
 
 
 def _chi_square_quantile(probability: float) -> float:

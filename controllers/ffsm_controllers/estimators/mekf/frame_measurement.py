@@ -9,14 +9,15 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_controllers.estimators.frames import Frame, frame_of
+from ffsm_controllers.estimators.frames import Frame, axes_of, frame_of
 from ffsm_controllers.estimators.mekf.estimate import Estimate
 from ffsm_controllers.estimators.mekf.frame_motion import FrameMotion, frame_motion
 from ffsm_controllers.estimators.mekf.layout import FloatingBody
-from ffsm_mj.controller_protocol import Fault, FloatArray, skew
+from ffsm_mj.controller_protocol import Fault, FloatArray, Sensor, skew
 
 KINDS = {
     "framequat": "attitude_rad",
+    "startracker": "attitude_rad",
     "framepos": "position_m",
     "framelinvel": "velocity_m_s",
     "velocimeter": "velocity_m_s",
@@ -24,6 +25,7 @@ KINDS = {
     "gyro": "rate_rad_s",
 }
 """What a sensor measures, by its kind, in the order in which samples of one time are used."""
+_ATTITUDES = ("framequat", "startracker")
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,7 @@ class FrameMeasurement:
         reference: Relative to which frame.
         body: Floating body of the frame; None: it is fixed.
         other: Floating body of the reference; None: it is fixed.
+        stars: World axes in those in which a star tracker measures, as columns, (3, 3); None for other sensors.
     """
 
     sensor: str
@@ -45,11 +48,12 @@ class FrameMeasurement:
     reference: Frame
     body: FloatingBody | None
     other: FloatingBody | None
+    stars: FloatArray | None = None
 
     @property
     def by_joints(self) -> bool:
         """Whether its dependence on coordinates of joints is known: that of places and attitudes."""
-        return self.kind in ("framepos", "framequat")
+        return self.kind in ("framepos", *_ATTITUDES)
 
     def innovation(
         self, model: Any, estimate: Estimate, value: FloatArray, dofs: Sequence[int] = ()
@@ -72,19 +76,19 @@ class FrameMeasurement:
         frame = frame_motion(model, data, self.frame, self.body, size, dofs)
         reference = frame_motion(model, data, self.reference, self.other, size, dofs)
         expected, slope = _EXPECTED[self.kind](frame, reference)
-        if self.kind == "framequat":
-            return _turn(expected, value), slope
+        if self.kind in _ATTITUDES:
+            return _turn(expected if self.stars is None else self.stars @ expected, value), slope
         if (bias := estimate.layout.bias_of(self.sensor)) is not None:
             expected = expected + estimate.biases[bias.value]
             slope[:, bias.error] = np.eye(3)
         return value - expected, slope
 
 
-def measurement_of(model: Any, bodies: Sequence[FloatingBody], sensor: str, kind: str) -> FrameMeasurement | None:
+def measurement_of(model: Any, bodies: Sequence[FloatingBody], sensor: Sensor) -> FrameMeasurement | None:
     """What a sensor says of floating bodies; None if nothing, as a sensor between parts of one tree."""
-    if kind not in KINDS:
+    if sensor.model.kind not in KINDS:
         return None
-    number = int(model.sensor(sensor).id)
+    number = int(model.sensor(sensor.name).id)
     frame = frame_of(model, int(model.sensor_objtype[number]), int(model.sensor_objid[number]))
     reference = frame_of(model, int(model.sensor_reftype[number]), int(model.sensor_refid[number]))
     body, other = (
@@ -92,7 +96,8 @@ def measurement_of(model: Any, bodies: Sequence[FloatingBody], sensor: str, kind
     )
     if body is other or (frame.body and model.body_rootid[frame.body] == model.body_rootid[reference.body]):
         return None
-    return FrameMeasurement(sensor, kind, frame, reference, body, other)
+    stars = axes_of(sensor.reference) if sensor.model.kind == "startracker" else None
+    return FrameMeasurement(sensor.name, sensor.model.kind, frame, reference, body, other, stars)
 
 
 def _position(frame: FrameMotion, reference: FrameMotion) -> tuple[FloatArray, FloatArray]:
@@ -132,6 +137,7 @@ def _gyro(frame: FrameMotion, reference: FrameMotion) -> tuple[FloatArray, Float
 
 _EXPECTED: dict[str, Callable[[FrameMotion, FrameMotion], tuple[FloatArray, FloatArray]]] = {
     "framequat": _attitude,
+    "startracker": _attitude,
     "framepos": _position,
     "framelinvel": _velocity,
     "velocimeter": _velocimeter,
@@ -148,23 +154,23 @@ def _turn(expected: FloatArray, measured: FloatArray) -> FloatArray:
     return turn
 
 
-_NEEDED = {"framepos": "position", "framequat": "attitude"}
+_NEEDED = {("framepos",): "position", _ATTITUDES: "attitude"}
 
 
 def missing_measurements(bodies: Sequence[FloatingBody], measurements: Iterable[FrameMeasurement]) -> list[Fault]:
     """Bodies whose position or attitude is measured neither relative to the world nor to a body of which it is."""
     measured, faults = list(measurements), []
-    for kind, what in _NEEDED.items():
-        links = [{_name(measurement.body), _name(measurement.other)} for measurement in measured if measurement.kind == kind]
+    for kinds, what in _NEEDED.items():
+        links = [
+            {_name(measurement.body), _name(measurement.other)} for measurement in measured if measurement.kind in kinds
+        ]
         known = {""}
         while grown := [link for link in links if link & known and not link <= known]:
             known = known.union(*grown)
         for body in bodies:
             if body.name not in known:
-                text = (
-                    f"no sensor measures the {what} of {body.name!r}: a filter needs a <{kind}> of it relative to the world"
-                )
-                faults.append(Fault(f"{text}, or to a body whose {what} is measured", ("kind",)))
+                needed = f"a filter needs a <{kinds[0]}> of it relative to the world, or to a body whose {what} is measured"
+                faults.append(Fault(f"no sensor measures the {what} of {body.name!r}: {needed}", ("kind",)))
     return faults
 
 

@@ -44,15 +44,16 @@ def encoder_errors(
     variances: dict[int, float] = {}
     for reading in readings:
         if reading.measures_coordinates:
-            deviation = believed.get(reading.sensor, white_noise(sensors[reading.sensor]))
-            variances |= dict.fromkeys(range(reading.dofs.start, reading.dofs.stop), deviation**2)
+            deviations = believed.get(reading.sensor, white_noise(sensors[reading.sensor]))
+            dofs = range(reading.dofs.start, reading.dofs.stop)
+            variances |= zip(dofs, (np.broadcast_to(deviations, len(dofs)) ** 2).tolist(), strict=True)
     uncertain = {dof: variance for dof, variance in variances.items() if variance > 0.0}
     return EncoderErrors(tuple(uncertain), np.array(tuple(uncertain.values())))
 
 
-def white_noise(sensor: Sensor) -> float:
-    """Standard deviation of white noise and rounding of a component of a sample."""
-    return math.hypot(sensor.noise, sensor.quantum / math.sqrt(12.0))
+def white_noise(sensor: Sensor) -> FloatArray:
+    """Standard deviation of white noise and rounding of each component of a sample, (errors,)."""
+    return np.hypot(sensor.noise, sensor.quantum / math.sqrt(12.0))
 
 
 def joint_values(reading: Reading, sample: Measurement, scratch: Any) -> tuple[FloatArray, FloatArray]:
