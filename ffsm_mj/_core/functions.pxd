@@ -7,6 +7,7 @@ cdef extern from "mujoco/mujoco.h":
     ctypedef struct mjData:
         pass
     const int mjOBJ_SITE, mjOBJ_XBODY
+    const int mjSTATE_TIME
     const int mjSTAGE_VEL  # positions and velocities are current, forces are not
 
 cdef struct Functions:
@@ -18,6 +19,7 @@ cdef struct Functions:
     void (*checkVel)(const mjModel* m, mjData* d) noexcept nogil
     void (*checkAcc)(const mjModel* m, mjData* d) noexcept nogil
     void (*getState)(const mjModel* m, const mjData* d, double* state, int sig) noexcept nogil
+    void (*setState)(const mjModel* m, mjData* d, const double* state, int sig) noexcept nogil
     void (*mulM)(const mjModel* m, const mjData* d, double* res, const double* vec) noexcept nogil
     void (*solveM)(const mjModel* m, mjData* d, double* x, const double* y, int n) noexcept nogil
     void (*jacSite)(const mjModel* m, const mjData* d, double* jacp, double* jacr, int site) noexcept nogil

@@ -212,7 +212,7 @@ cdef class OutputLaw:
             # Forces of the field belong to the state of the last tick; they are added up anew.
             self.pushed[:] = 0.0
             self.field.evaluate(self.data)
-            self.field.generalise(&self.pushed[0])
+            self.field.add_generalised(&self.pushed[0])
         return 0
 
     cdef void finish(self) noexcept:

@@ -58,7 +58,7 @@ class ForcedStepper(FreeStepper):
         state: FloatArray,
         momentum: FloatArray,
         pushes: Sequence[Callable[[Any], object]],
-        follow: Callable[[], None],
+        follow: Callable[[], None] | None,
         power: ActuatorPower | None = None,
     ) -> None: ...
     @property

@@ -231,6 +231,29 @@ cdef class RowFiller:
         return self.sampler.take(line)
 
 
+cdef class StageWork:
+    """Enters what the stages of each (sub-)step have integrated: work or impulse of actuators, or of external fields."""
+
+    cdef const double[::1] done
+    cdef double[::1] account
+
+    def __init__(self, done, account):
+        """Bind to what was done in the last (sub-)step, and to the account of the same shape that receives it."""
+        if done.shape != account.shape or not (done.flags.c_contiguous and account.flags.c_contiguous):
+            raise ValueError(f"an account of shape {account.shape} for values of shape {done.shape}")
+        self.done, self.account = done.reshape(-1), account.reshape(-1)
+
+    def open(self):
+        """Begin a (sub-)step."""
+
+    cpdef int close(self, double duration_s) except -1:
+        """End the step."""
+        cdef Py_ssize_t i
+        for i in range(self.done.shape[0]):
+            self.account[i] += self.done[i]
+        return 0
+
+
 cdef class StepWork:
     """Accumulates the work of actuators on joints over each (sub-)step, and has other parts accumulate theirs."""
 
@@ -276,7 +299,8 @@ cdef class StepWork:
         """Begin a step: parts outside take part if an effort in it is external."""
         cdef Py_ssize_t i
         for part in self.always:
-            part.open()
+            if not isinstance(part, StageWork):
+                part.open()
         self.working = self.pushed = False
         for i in range(self.ctrl.shape[0]):
             self.start[i] = self.length[i]
@@ -300,7 +324,10 @@ cdef class StepWork:
                 work += self.force[i] * self.on_joint[i] * (self.length[i] - self.start[i])
             self.account[0] += work
         for part in self.always:
-            part.close(duration_s)
+            if isinstance(part, StageWork):
+                (<StageWork>part).close(duration_s)
+            else:
+                part.close(duration_s)
         if self.pushed:
             for part in self.outside:
                 part.close(duration_s)

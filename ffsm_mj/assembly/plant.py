@@ -48,7 +48,7 @@ from ffsm_mj.sensing.sensor import sensors_of
 from ffsm_mj.simulation.control_timing import ControlTiming, DelayedControl, command_delays_s
 from ffsm_mj.simulation.fields import ExternalFields, bodies_of
 from ffsm_mj.simulation.integrator import EventDrivenIntegrator
-from ffsm_mj.simulation.orbit import OrbitSamples
+from ffsm_mj.simulation.orbit import orbit_columns
 from ffsm_mj.simulation.plant import Plant, StateSignals
 from ffsm_mj.simulation.step_control import MOST_PARTS, StepControl
 from ffsm_mj.tolerances import DAMPER_STEP, EPSILON, MODE_STEP, RESOLVED_STEP, STIFF_STEP
@@ -268,7 +268,7 @@ def external_fields(scenario: ScenarioConfig, scene: Scene) -> ExternalFields | 
     orbit = Orbit.of(around.orbit, around.world_axes)
     field = orbit.field()
     fields = ExternalFields(scene, acting, field)
-    fields.columns = (OrbitSamples(orbit, field, fields, RECORDED_ROWS).columns,)
+    fields.columns = (orbit_columns(field, fields),)
     return fields
 
 

@@ -15,10 +15,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_mj._core.tick import StepWork
+from ffsm_mj._core.tick import StageWork, StepWork
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
-from ffsm_mj.balance.external import Gravity, JointMotors, StageWork, external_parts
+from ffsm_mj.balance.external import Gravity, JointMotors, external_parts
 from ffsm_mj.balance.signals import ACCOUNTS, BalanceSignals, BalanceTerms, BalanceValues, SampleBuffer
 from ffsm_mj.balance.springs import SpringBalance
 from ffsm_mj.balance.subsystems import (

@@ -228,21 +228,6 @@ def thrusters(system: System, data: Any, tree: Tree, work: FloatArray, impulse: 
     return groups
 
 
-class StageWork:
-    """Enters what the stages of each (sub-)step have integrated: work or impulse of actuators, or of external fields."""
-
-    def __init__(self, done: FloatArray, work: FloatArray) -> None:
-        """Bind to what was done in the last (sub-)step, and to the account of the same shape that receives it."""
-        self._done, self._work = done, work
-
-    def open(self) -> None:
-        """Begin a (sub-)step."""
-
-    def close(self, _: float) -> None:
-        """End the step."""
-        self._work += self._done
-
-
 class BaseMotors:
     """Integrates impulse and work over each (sub-)step by Simpson's rule with a cubic Hermite midpoint."""
 

@@ -96,7 +96,7 @@ class Motion:
             free = FreeStepper(self.model, self.data, self.path.start, self.momentum)
             free.bands = self._bands
             return free
-        stepper = ForcedStepper(self.model, self.data, self.path.start, self.momentum, (), _nothing, self.power)
+        stepper = ForcedStepper(self.model, self.data, self.path.start, self.momentum, (), None, self.power)
         stepper.activations, stepper.bands = self.activations, self._bands
         self.path.integrate = stepper.integrate
         return stepper
@@ -128,7 +128,7 @@ class Motion:
         """
         self.pushes = tuple(pushes)
         if every := (*pushes, *answers):
-            follow = self.follow if of_system else _nothing
+            follow = self.follow if of_system and type(self).follow is not Motion.follow else None
             pushed = ForcedStepper(self.model, self.data, self.path.start, self.momentum, every, follow, self.power)
             pushed.stiff, pushed.activations, pushed.bands = self.stiff, self.activations, self._bands
             pushed.field = self.field
@@ -234,10 +234,6 @@ def actuator_power(
         impulse = np.zeros((len(system.trees), 6)) if impulse is None else impulse
         outside = ExternalServos(model, data, external, of_actuators[external], impulse)
     return ActuatorPower(data, trees, apart, work, limits, outside), limits
-
-
-def _nothing() -> None:
-    """Do nothing."""
 
 
 def clear_applied_forces(model: Any, data: Any) -> None:

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from ffsm_mj._core.fields import Bodies
+from ffsm_mj._core.fields import Bodies, UniformField
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.config import StrictModel
 from ffsm_mj.errors import InputError
@@ -93,7 +93,7 @@ def register_all(fields: Iterable[type[Field]]) -> None:
 
 
 @register
-class Uniform(Field):
+class Uniform(UniformField, Field):
     """The same acceleration of every body, such as that of a thrusting or falling frame."""
 
     kind = "uniform"
@@ -105,14 +105,10 @@ class Uniform(Field):
         acceleration_m_s2: tuple[float, float, float]
         """Acceleration in world axes, m/s^2."""
 
-    def __init__(self, config: Config, bodies: Bodies) -> None:
-        """Weigh the bodies."""
+    def __init__(self, config: Config, bodies: Bodies) -> None:  # noqa: ARG002
+        """Take the acceleration."""
+        super().__init__(config.acceleration_m_s2)
         self._acceleration = np.array(config.acceleration_m_s2)
-        self._force = np.outer(bodies.mass_kg, self._acceleration)
-
-    def add_wrenches(self, time_s: float, bodies: Bodies) -> None:  # noqa: ARG002
-        """Add mass times acceleration."""
-        bodies.force_N += self._force
 
     def free_fall(self, time_s: float, position_m: FloatArray) -> FloatArray:  # noqa: ARG002
         """The acceleration, at any place."""

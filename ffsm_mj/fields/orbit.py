@@ -14,7 +14,7 @@ from functools import lru_cache
 import mujoco
 import numpy as np
 
-from ffsm_mj._core.fields import KeplerOrbit, OrbitalField
+from ffsm_mj._core.orbit import KeplerOrbit, OrbitalField, PiecewiseOrbit, Reference, lvlh_axes
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.fields.config import OrbitConfig, size_of
 
@@ -28,7 +28,7 @@ _SOLVED = 1e-13
 """Relative tolerance of the integration of a piece."""
 
 
-class PerturbedOrbit:
+class PerturbedOrbit(PiecewiseOrbit):
     """An orbit under J2, integrated piece by piece as it is asked for.
 
     Each piece starts at the end of the one before, so its numbers do not depend on what was asked for.
@@ -43,9 +43,9 @@ class PerturbedOrbit:
             pole: Axis of the central body, (3,).
             state: Position and velocity at t = 0, (6,).
         """
-        self._mu, self._oblateness, self._pole = mu, oblateness, pole
         self._length_s = 2.0 * math.pi / KeplerOrbit(mu, state[:3], state[3:]).rate_rad_s / _PIECES
-        self._starts, self._pieces = [state], list[FloatArray]()
+        super().__init__(self._length_s)
+        self._mu, self._oblateness, self._pole, self._start = mu, oblateness, pole, state
 
     def acceleration(self, position: FloatArray) -> FloatArray:
         """Acceleration at a position, m/s^2, (3,)."""
@@ -53,27 +53,12 @@ class PerturbedOrbit:
         oblate = (1.0 - 5.0 * z * z / square) * position + 2.0 * z * self._pole
         return np.asarray(-self._mu / square**1.5 * position - self._oblateness / square**2.5 * oblate)
 
-    def state(self, time_s: float) -> tuple[FloatArray, FloatArray]:
-        """Position in m and velocity in m/s at a time from t = 0 on, (3,) each."""
-        number = max(0, math.floor(time_s / self._length_s))
-        while len(self._pieces) <= number:
-            self._integrate()
-        place = 2.0 * (time_s / self._length_s - number) - 1.0
-        state = np.asarray(np.polynomial.chebyshev.chebval(place, self._pieces[number]))
-        return state[:3], state[3:]
-
-    def states(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The same at several times, (n, 3) each."""
-        states = [np.concatenate(self.state(float(time_s))) for time_s in times_s]
-        R, V = np.split(np.reshape(states, (-1, 6)), 2, axis=1)
-        return R, V
-
-    def _integrate(self) -> None:
+    def next_piece(self) -> FloatArray:
         """Integrate the next piece, and fit polynomials to it."""
         from scipy.integrate import solve_ivp
 
         nodes = np.polynomial.chebyshev.chebpts1(_DEGREE + 1)
-        start, end_s = self._starts[-1], self._length_s
+        start, end_s = self._start, self._length_s
         # The interpolant of a step has order 7, its ends order 8: short steps make it as good.
         solution = solve_ivp(
             lambda _, y: np.concatenate((y[3:], self.acceleration(y[:3]))),
@@ -85,8 +70,8 @@ class PerturbedOrbit:
             max_step=end_s / 4.0,
             dense_output=True,
         )
-        self._pieces.append(np.polynomial.chebyshev.chebfit(nodes, solution.sol(0.5 * end_s * (nodes + 1.0)).T, _DEGREE))
-        self._starts.append(solution.y[:, -1])
+        self._start = solution.y[:, -1]
+        return np.asarray(np.polynomial.chebyshev.chebfit(nodes, solution.sol(0.5 * end_s * (nodes + 1.0)).T, _DEGREE))
 
 
 @dataclass(frozen=True)
@@ -104,7 +89,7 @@ class Orbit:
         axes: World axes as columns in the inertial axes of the central body, (3, 3).
     """
 
-    reference: KeplerOrbit | PerturbedOrbit
+    reference: Reference
     mu: float
     oblateness: float
     pole: FloatArray
@@ -119,13 +104,13 @@ class Orbit:
         """The orbit of a scenario, of whose numbers nothing is wrong."""
         body = config.central_body
         position, velocity = start_of(config)
-        axes, _ = hill_axes(position, velocity)
-        world = {"hill": axes, "lvlh": axes @ _LVLH, "eci": np.eye(3)}[world_axes]
+        lvlh = lvlh_axes(position[None], velocity[None], 0.0, (0.0, 0.0, 1.0))[0][0]
+        world = {"hill": lvlh @ _LVLH.T, "lvlh": lvlh, "eci": np.eye(3)}[world_axes]
         position, velocity = world.T @ position, world.T @ velocity
         mu = 1e9 * body.mu_km3_s2
         oblateness = 1.5 * (body.j2 or 0.0) * mu * (1e3 * body.radius_km) ** 2 if config.j2 else 0.0
         kepler = KeplerOrbit(mu, position, velocity)
-        reference: KeplerOrbit | PerturbedOrbit = kepler
+        reference: Reference = kepler
         if oblateness:
             reference = PerturbedOrbit(mu, oblateness, world[2], np.concatenate((position, velocity)))
         round_and_free = config.kind == "circular" and not oblateness
@@ -152,14 +137,8 @@ class Orbit:
             position: Of the origin from the central body, m, (..., 3).
             velocity: Its velocity, m/s, (..., 3).
         """
-        axes, spin = hill_axes(position, velocity)
-        if self.oblateness:
-            x, z = axes[..., 0], axes[..., 2]
-            square, along = (position**2).sum(axis=-1, keepdims=True), (position @ self.pole)[..., None]
-            oblate = (1.0 - 5.0 * along**2 / square) * position + 2.0 * along * self.pole
-            out_of_plane = -self.oblateness / square**2.5 * (oblate * z).sum(axis=-1, keepdims=True)
-            spin = spin + out_of_plane / (spin * z).sum(axis=-1, keepdims=True) / np.sqrt(square) * x
-        return axes @ _LVLH, spin
+        axes, spin = lvlh_axes(position.reshape(-1, 3), velocity.reshape(-1, 3), self.oblateness, self.pole)
+        return axes.reshape(*position.shape, 3), spin.reshape(position.shape)
 
 
 class LvlhAxes:
@@ -203,21 +182,6 @@ class LvlhAxes:
         quaternion = np.empty(4)
         mujoco.mju_mat2Quat(quaternion, self.axes.ravel())
         return quaternion
-
-
-def hill_axes(position: FloatArray, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Hill's axes (x from the central body, z along the angular momentum) as columns, and their angular velocity.
-
-    Without forces across the orbital plane.
-
-    Args:
-        position: From the central body, m, (..., 3).
-        velocity: In m/s, (..., 3).
-    """
-    moment = np.cross(position, velocity)
-    square = (position**2).sum(axis=-1, keepdims=True)
-    x, z = position / np.sqrt(square), moment / np.linalg.norm(moment, axis=-1, keepdims=True)
-    return np.stack((x, np.cross(z, x), z), axis=-1), moment / square
 
 
 def start_of(config: OrbitConfig) -> tuple[FloatArray, FloatArray]:

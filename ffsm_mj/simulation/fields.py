@@ -64,6 +64,7 @@ class ExternalFields(ForceSource):
             ids, bodies = [motion.bodies[body] for body in self._ids], bodies_of(self.scene.system)
             motion.field = FieldForces(motion.model, motion.data, ids, self._trees, bodies, self._fields, self.done)
         self.forces = motion.field
+        self.push = self.forces.push  # type: ignore[method-assign]  # stages of a step call the core, not Python
 
     def forces_in(self, system: System) -> FieldForces:
         """The forces in another system with the same bodies, as a control law knows it, at the state in any data of it."""
@@ -80,10 +81,6 @@ class ExternalFields(ForceSource):
     def set_state(self, state: Any) -> None:
         """Go on from a state."""
         set_states(self._stateful, state, "ExternalFields")
-
-    def push(self, data: Any) -> None:
-        """Add the generalised forces to ``data.qfrc_applied``, which no other force has reached yet."""
-        self.forces.push(data)
 
     def add_forces(self, applied: FloatArray) -> None:
         """Add the same to generalised forces, (nv,) of the motion."""

@@ -8,8 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_mj._core.fields import OrbitalField
-from ffsm_mj._core.tick import BlockSampler, Sampler
+from ffsm_mj._core.orbit import OrbitalField, OrbitSample
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.dynamics.rigid_body import rotation_matrix
 from ffsm_mj.fields.orbit import Orbit
@@ -39,88 +38,36 @@ def _signals(system: System) -> Iterator[Signal]:
             yield Signal("orbit", full, unit_of(full), meaning.format(tree.name), f"body {system.mj.body(tree.root).name}")
 
 
-class OrbitSamples:
-    """Samples what the columns of an orbit need; they are computed for many samples at once.
-
-    Attributes:
-        columns: The columns.
-    """
-
-    def __init__(self, orbit: Orbit, field: OrbitalField, fields: ExternalFields, room: int) -> None:
-        """Begin without samples.
-
-        Args:
-            orbit: The orbit.
-            field: Its field.
-            fields: All fields, which know the bodies of the current motion.
-            room: Capacity in samples.
-        """
-        self._orbit, self._field, self._fields = orbit, field, fields
-        system, data = fields.scene.system, fields.scene.data
-        self._scalars = np.empty((room, 2))
-        live: list[FloatArray] = []
-        self._roots = [tree.root for tree in system.trees]
-        for root in self._roots:
-            centre = data.subtree_com[int(system.mj.body_rootid[root])]
-            live += [data.xpos[root], data.xmat[root], data.cvel[root], centre]
-        self._tables = [np.empty((room, *values.shape)) for values in live]
-        sampler = Sampler(system.mj, data)
-        sampler.copy(list(zip(live, self._tables, strict=True)))
-        self._block = BlockSampler(sampler)
-        self.columns = Columns(tuple(_signals(system)), table=self._table, on_sample=self._sample)
-
-    def _sample(self, time_s: float) -> None:
-        forces = self._fields.forces
-        forces.evaluate_now()
-        self._scalars[self._block.used] = time_s, self._field.potential(time_s, forces.bodies)
-        self._block(time_s)
-
-    def _table(self) -> FloatArray:
-        """Values of the columns at the samples since the last call, (n, number of signals)."""
-        used, self._block.used = self._block.used, 0
-        scalars = self._scalars[:used]
-        R, V = self._orbit.states(scalars[:, 0])
-        axes, spin = self._orbit.lvlh(R, V)
-        parts = [R, V, scalars[:, 1:]]
-        for i in range(len(self._roots)):
-            position, attitude, twist, centre = (table[:used] for table in self._tables[4 * i : 4 * i + 4])
-            velocity = twist[:, 3:] + np.cross(twist[:, :3], position - centre)
-            parts += relative_state(axes, spin, position, velocity, attitude.reshape(-1, 3, 3), twist[:, :3])
-        return np.concatenate(parts, axis=1)
-
-
-def relative_state(axes: FloatArray, spin: FloatArray, *world: FloatArray) -> tuple[FloatArray, ...]:
-    """State of a body relative to rotating axes: position, velocity, attitude and angular velocity as the columns have them.
+def orbit_columns(field: OrbitalField, fields: ExternalFields) -> Columns:
+    """Columns of an orbit.
 
     Args:
-        axes: Axes as columns in world axes, (n, 3, 3).
-        spin: Their angular velocity, world axes, rad/s, (n, 3).
-        world: Position, velocity, rotation matrix and angular velocity in world axes, (n, 3), (n, 3), (n, 3, 3), (n, 3).
+        field: Field of the orbit.
+        fields: All fields, which know the bodies of the current motion.
     """
-    position, velocity, rotations, turning = world
-    relative = np.einsum("nji,njk->nik", axes, rotations)
-    return (
-        np.einsum("nji,nj->ni", axes, position),
-        np.einsum("nji,nj->ni", axes, velocity - np.cross(spin, position)),
-        _quaternions(relative),
-        np.einsum("nji,nj->ni", rotations, turning - spin),
-    )
+    system, data = fields.scene.system, fields.scene.data
+    sample = OrbitSample(field, fields, system.mj, data, [tree.root for tree in system.trees])
+    return Columns(tuple(_signals(system)), live=sample.row, on_sample=sample)
 
 
 def world_state(axes: FloatArray, spin: FloatArray, *relative: FloatArray) -> tuple[FloatArray, ...]:
-    """The inverse for one body: position, velocity, attitude in world axes, and angular velocity in the body's axes."""
+    """State of a body in world axes.
+
+    Args:
+        axes: Rotating axes as columns in world axes, (3, 3).
+        spin: Their angular velocity, world axes, rad/s, (3,).
+        relative: Position, velocity and attitude (quaternion) relative to them, and angular velocity relative to them in the
+            body's axes.
+
+    Returns:
+        Position, velocity and attitude in world axes, and angular velocity in the body's axes.
+    """
     position, velocity, attitude, turning = relative
     rotations = axes @ rotation_matrix(attitude)
-    there = axes @ position
-    return there, axes @ velocity + np.cross(spin, there), _quaternions(rotations[None])[0], turning + rotations.T @ spin
-
-
-def _quaternions(matrices: FloatArray) -> FloatArray:
-    """Unit quaternions of rotation matrices, w from 0 on, (n, 4)."""
-    quaternions = np.empty((len(matrices), 4))
-    for quaternion, matrix in zip(quaternions, matrices, strict=True):
-        mujoco.mju_mat2Quat(quaternion, matrix.ravel())
-    return np.where(quaternions[:, :1] < 0.0, -quaternions, quaternions)
+    there, quaternion = axes @ position, np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, rotations.ravel())
+    quaternion = -quaternion if quaternion[0] < 0.0 else quaternion
+    return there, axes @ velocity + np.cross(spin, there), quaternion, turning + rotations.T @ spin
 
 
 def start_in_world(orbit: Orbit, system: System, data: Any) -> None:
