@@ -83,7 +83,7 @@ class ExternalFields(ForceSource):
         set_states(self._stateful, state, "ExternalFields")
 
     def add_forces(self, applied: FloatArray) -> None:
-        """Add the same to generalised forces, (nv,) of the motion."""
+        """Add the generalised forces at the state of the motion to an array, (nv,)."""
         self.forces.add_to(self.motion.data, applied)
 
     def wrenches(self, data: Any) -> Sequence[Wrench]:  # noqa: ARG002
