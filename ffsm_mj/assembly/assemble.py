@@ -177,7 +177,7 @@ def _assembled(compiled: CompiledScenario) -> Assembly:
         compiled.grasped_systems,
         compiled.controller_system,
     )
-    data, start_notes = initial_state(scenario, system)
+    data, _, start_notes = initial_state(scenario, system)
     refuse_coarse_steps(scenario, system, data)
     contacts = resolve_contacts(scenario.contacts, system)
     refuse_undetectable(system, data, contacts)

@@ -305,10 +305,12 @@ class InitialState(NamedTuple):
 
     Attributes:
         data: MuJoCo data with all derived quantities.
+        stated: Coordinates and rates as the scenario states them, (nq,) and (nv,): of free joints in ``initial.frame``.
         notes: What a user should know about it, one line each.
     """
 
     data: Any
+    stated: tuple[FloatArray, FloatArray]
     notes: tuple[str, ...]
 
 
@@ -325,12 +327,25 @@ def initial_state(scenario: ScenarioConfig, system: System) -> InitialState:
                 with faults.below("initial", key, name):
                     if fault := _set_joint(system.joint(name), key, value, target):
                         faults.add(fault, "initial", key, name)
-    around = scenario.environment
-    if scenario.initial.frame == "lvlh" and around is not None and around.orbit is not None:
-        start_in_world(Orbit.of(around.orbit, around.world_axes), system, data)
+    orbit, relative = _orbit_of_lvlh(scenario), (data.qpos.copy(), data.qvel.copy())
+    if orbit is not None:
+        start_in_world(orbit, system, data)
     if fault := fault_of_start(system, data):
         raise ScenarioFaults([Fault(fault, ("initial",))])
-    return InitialState(data, close_loops(system, data, scenario.initial.joints, scenario.initial.rates))
+    notes = close_loops(system, data, scenario.initial.joints, scenario.initial.rates)
+    stated = data.qpos.copy(), data.qvel.copy()
+    for joint in system.joints.values():
+        if orbit is not None and joint.kind == "free":
+            stated[0][joint.qpos], stated[1][joint.dofs] = relative[0][joint.qpos], relative[1][joint.dofs]
+    return InitialState(data, stated, notes)
+
+
+def _orbit_of_lvlh(scenario: ScenarioConfig) -> Orbit | None:
+    """The orbit in whose LVLH axes free joints are stated; None: they are stated in world axes."""
+    around = scenario.environment
+    if scenario.initial.frame != "lvlh" or around is None or around.orbit is None:
+        return None
+    return Orbit.of(around.orbit, around.world_axes)
 
 
 def fault_of_start(system: System, data: Any) -> str:

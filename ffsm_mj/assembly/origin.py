@@ -38,9 +38,11 @@ TOLERANCE = 1e-6
 """Allowed difference from the logged state, relative to max(1, |x|): another processor rounds otherwise."""
 _KEPT = (
     *("robot", "objects", "model", "controller_model", "time_step_s", "control_period_s", "accuracy"),
-    *("actuation", "sensors", "estimator", "seed"),
+    *("actuation", "sensors", "estimator", "seed", "environment"),
 )
 """Sections of a scenario that cannot change in the midst of a motion, beside the initial state."""
+_MAY_CHANGE = ("environment", "fields")
+"""But for this part: where the origin is on its orbit follows from its past, what other fields do does not."""
 _LAWS = ("phases", "task")
 _OF_FILE = ("name", "description", "initial", "log", "duration_s")
 """Keys that never change the parts of the simulation."""
@@ -198,8 +200,8 @@ def with_initial_state(config: ScenarioConfig, origin: Origin, source: YamlSourc
     """
     before, initial = origin.before.scenario.initial, config.initial
     with source.locating():
-        for key in ("joints", "rates"):
-            if getattr(initial, key) not in ({}, getattr(before, key)):
+        for key, left_out in (("joints", {}), ("rates", {}), ("frame", "world")):
+            if getattr(initial, key) not in (left_out, getattr(before, key)):
                 raise ScenarioFaults([Fault(_cannot_change(origin), ("initial", key))])
     state = before.model_copy(update={"from_": str(origin.folder), "at_s": initial.at_s})
     return config.model_copy(update={"initial": state})
@@ -214,7 +216,7 @@ def refuse_changes(origin: Origin, after: CompiledScenario) -> None:
     before = origin.before
     old, new = plain_value(before.scenario_yaml), plain_value(after.scenario_yaml)
     changed = (path for key in _KEPT for path in _differences(old.get(key), new.get(key), (key,)))
-    faults = [Fault(_cannot_change(origin), path) for path in changed]
+    faults = [Fault(_cannot_change(origin), path) for path in changed if path[:2] != _MAY_CHANGE]
     old_files, new_files = before.system.logged_files, after.system.logged_files
     if not faults and old_files != new_files:
         names = sorted(name for name in old_files.keys() | new_files.keys() if old_files.get(name) != new_files.get(name))

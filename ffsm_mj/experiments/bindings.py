@@ -12,6 +12,7 @@ from typing import Any, Union, get_args, get_origin
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.assembly.initial_state import initial_state
 from ffsm_mj.assembly.prepare import PreparedRun
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults, one_line, unknown_name
@@ -23,7 +24,7 @@ from ffsm_mj.scenario.source import YamlSource
 from ffsm_mj.yaml import KeyPath
 
 WILDCARD = "*"
-_STATE = {"joints": "qpos", "rates": "qvel"}
+_STATE = {"joints": 0, "rates": 1}
 _PARTS = {
     ("free", "joints"): {"position": (0, 3), "quaternion": (3, 7)},
     ("ball", "joints"): {"quaternion": (0, 4)},
@@ -125,13 +126,13 @@ class Targets:
             # The scenario may already set the joint under another name, which must then be used: two would be ambiguous.
             written = next((other for other in stated if self._system.joint(other).name == joint.name), name)
             key, numbers = f"initial.{what}.{written}", joint.qpos if what == "joints" else joint.dofs
-            value: Any = tuple(getattr(self._state, _STATE[what])[numbers].tolist())
+            value: Any = tuple(self._state[_STATE[what]][numbers].tolist())
             value = value if len(value) > 1 else value[0]
             yield Target(key, value, *_place(value, parts[1:], key, _PARTS.get((joint.kind, what), {})))
 
     @cached_property
-    def _state(self) -> Any:
-        return initial_state(self._scenario, self._system).data
+    def _state(self) -> tuple[FloatArray, FloatArray]:
+        return initial_state(self._scenario, self._system).stated
 
 
 def _properties(model: Any, wanted: tuple[str, ...]) -> Iterator[tuple[str, ...]]:

@@ -19,6 +19,7 @@ from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.grasps import grasps_of
 from ffsm_mj.assembly.prepare import PreparedRun
 from ffsm_mj.contact_models.grasp.records import GraspRecord
+from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.errors import InputError
 from ffsm_mj.experiments.uncertainty import Parameter, Quantity, Sensitivity, values
 from ffsm_mj.impact import GraspSaltation, Saltation, linearize, linearize_grasp
@@ -81,9 +82,9 @@ def _impact(prepared: PreparedRun, nominal: Run, assembly: Assembly) -> _Event:
     """
     record = _first(nominal)
     pair = next(candidate for candidate in assembly.pairs if candidate.name == record.pair)
-    data = _state_before(assembly, record)
-    law = prepared.scenario.impact.law
-    hit = linearize(assembly.system.mj, data, pair, restitution=record.restitution_used, mu=record.mu, law=law)
+    data, force = _state_before(assembly, record)
+    law, e = prepared.scenario.impact.law, record.restitution_used
+    hit = linearize(assembly.system.mj, data, pair, restitution=e, mu=record.mu, law=law, effort_before=force)
     return _Event("impact", record.time_s, hit, record.rule)
 
 
@@ -100,18 +101,21 @@ def _grasp(prepared: PreparedRun, nominal: Run, assembly: Assembly) -> _Event:
     when = prepared.scenario.grasps[record.grasp].when.within
     if when is None or any(impact.time_s <= record.time_s for impact in nominal.impacts):
         raise InputError(f"exact: an impact occurs before grasp {record.grasp!r} closes, or at it; use kind='secant'")
-    data = _state_before(assembly, record)
+    data, force = _state_before(assembly, record)
     grasp = next(candidate for candidate in grasps_of(prepared.scenario, assembly.system) if candidate.name == record.grasp)
-    return _Event("grasp", record.time_s, linearize_grasp(assembly.system, data, grasp, when.bounds), "")
+    closing = linearize_grasp(assembly.system, data, grasp, when.bounds, effort_before=force)
+    return _Event("grasp", record.time_s, closing, "")
 
 
-def _state_before(assembly: Assembly, record: ImpactRecord | GraspRecord) -> Any:
-    """Data at the state before an event."""
-    data = assembly.data
-    data.qpos[:] = record.qpos
+def _state_before(assembly: Assembly, record: ImpactRecord | GraspRecord) -> tuple[Any, FloatArray]:
+    """Data at the state before an event, and generalised forces of external fields there, (nv,)."""
+    data, force = assembly.data, np.zeros(assembly.system.mj.nv)
+    data.qpos[:], data.time = record.qpos, record.time_s
     data.qvel[:] = np.concatenate([record.qvel_before[name] for name in assembly.system.joints])
     mujoco.mj_forward(assembly.system.mj, data)
-    return data
+    if (field := assembly.plant.fields_in(assembly.system)) is not None:
+        field.add_to(data, force)
+    return data, force
 
 
 def _first(nominal: Run) -> ImpactRecord:
@@ -185,24 +189,22 @@ def _end_change(prepared: PreparedRun, assembly: Assembly, time_s: float, parame
     model, ends = assembly.system.mj, []
     for sign in (-1.0, 1.0):
         changed = prepared.changed(prepared.source.overridden([parameter.override(sign * _STEP)])).assemble()
-        ends.append(_free_flight(model, changed.data, time_s, prepared.scenario.time_step_s))
+        ends.append(_free_flight(changed, time_s, prepared.scenario.time_step_s))
     (low_q, low_v), (high_q, high_v) = ends
     dq = np.empty(model.nv)
     mujoco.mj_differentiatePos(model, dq, 2.0 * _STEP, low_q, high_q)
     return np.concatenate((dq, (high_v - low_v) / (2.0 * _STEP)))
 
 
-def _free_flight(model: Any, data: Any, time_s: float, step_s: float) -> tuple[FloatArray, FloatArray]:
-    """State after free flight for a time, without contacts or efforts."""
-    steps = round(time_s / step_s - 0.5)
-    scratch = mujoco.MjData(model)
+def _free_flight(assembly: Assembly, time_s: float, step_s: float) -> tuple[FloatArray, FloatArray]:
+    """State after free flight for a time, under external fields, without contacts or efforts."""
+    model, data, steps = assembly.system.mj, assembly.data, round(time_s / step_s - 0.5)
+    scratch, field = mujoco.MjData(model), assembly.plant.fields_in(assembly.system)
     scratch.qpos[:], scratch.qvel[:] = data.qpos, data.qvel
-    before = model.opt.timestep
-    try:
-        for duration in (*[step_s] * steps, time_s - steps * step_s):
-            model.opt.timestep = duration
-            if duration > 0.0:
-                mujoco.mj_step(model, scratch)
-    finally:
-        model.opt.timestep = before
+    mujoco.mj_forward(model, scratch)
+    motion = Motion(model, scratch)
+    motion.push_with([] if field is None else [field.push])
+    for duration in (*[step_s] * steps, time_s - steps * step_s):
+        if duration > 0.0:
+            motion.step(duration)
     return np.array(scratch.qpos), np.array(scratch.qvel)

@@ -77,8 +77,8 @@ def linearize_grasp(
         data: Its state at the instant of closing, with the velocities before it.
         grasp: The grasp.
         bounds: Greatest distance in m, angle in rad, speed in m/s and rate in rad/s at which it closes; None: no such bound.
-        effort_before: Generalised forces of the actuators just before, (nv,); None: off.
-        effort_after: Those just after; None: off.
+        effort_before: Generalised forces of actuators and external fields just before, (nv,); None: there are none.
+        effort_after: Those just after; None: there are none.
 
     Raises:
         UnsupportedContactError: No bound, or more than one, is reached here, or its value does not fall: no derivative.

@@ -78,8 +78,8 @@ def linearize(
         restitution: Coefficient of restitution; None: that of the pair. Above 1 is refused as in :func:`resolve`.
         mu: Coefficient of friction; None: that of the pair.
         law: Name of the impact law.
-        effort_before: Generalised forces of the actuators just before, (nv,); None: off.
-        effort_after: Those just after; None: off.
+        effort_before: Generalised forces of actuators and external fields just before, (nv,); None: there are none.
+        effort_after: Those just after; None: there are none.
 
     Raises:
         UnsupportedContactError: The geoms touch in an edge or a face, do not approach, or a neighbouring impact passes
