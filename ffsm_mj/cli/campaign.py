@@ -15,7 +15,7 @@ from ffsm_mj.experiments.driver import NoWorkersLeftError
 from ffsm_mj.experiments.folder import RERUNS
 from ffsm_mj.experiments.metrics import NO_CLASSES, ScriptClasses, read_metrics
 from ffsm_mj.experiments.planning import VariantsPlan, load_campaign
-from ffsm_mj.experiments.results import Status
+from ffsm_mj.experiments.status import Status
 from ffsm_mj.invocation import command
 from ffsm_mj.report.terminal import listed
 

@@ -32,7 +32,6 @@ from ffsm_mj.experiments.metrics import (
 from ffsm_mj.experiments.planning import Plan, VariantsPlan, load_campaign, read_campaign, stored_plan
 from ffsm_mj.experiments.results import (
     Results,
-    Status,
     TableRow,
     VariantResults,
     as_arrow,
@@ -40,13 +39,12 @@ from ffsm_mj.experiments.results import (
     logs_to_keep,
     numbers,
     results_of,
-    status_of,
-    status_of_variants,
     table_rows,
 )
 from ffsm_mj.experiments.sentences import sentences_of
 from ffsm_mj.experiments.settings import campaign_settings, row_versions, settings_changes, settings_hash
 from ffsm_mj.experiments.statistics import Proportion, Quantile, quantile
+from ffsm_mj.experiments.status import Status, status_of, status_of_variants
 from ffsm_mj.experiments.store import RunRow, Store
 from ffsm_mj.experiments.worker import Job, Rerun, rerun
 from ffsm_mj.invocation import command, on_command_line, option

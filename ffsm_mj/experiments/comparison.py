@@ -310,42 +310,42 @@ def refuse_other_samples(results: VariantResults) -> None:
     if set(one.parameters) != set(other.parameters):
         only = ", ".join(sorted(set(one.parameters) ^ set(other.parameters)))
         raise InputError(f"{names[0]} and {names[1]} do not have the same parameters: {only}; use the same dispersions")
-    rows = {row["run"]: row for row in other.rows}
-    pairs = [(row, rows[row["run"]]) for row in one.rows if row["run"] in rows]
-    if not pairs:
+    common = one.frame.index.intersection(other.frame.index)
+    if common.empty:
         raise InputError(f"{names[0]} and {names[1]} have no run in common")
-    for a, b in pairs:
-        for name in one.parameters:
-            if a.get(name) != b.get(name):
-                raise InputError(
-                    f"run {a['run']}: {name} is {a.get(name)} in {names[0]} and {b.get(name)} in {names[1]}; campaigns are "
-                    "compared run by run: use the same dispersions, kind of samples and seed"
-                )
+    for name in one.parameters:
+        a, b = (results.frame.loc[common, name] for results in (one, other))
+        for run in common[a.ne(b)]:
+            raise InputError(
+                f"run {run}: {name} is {a[run]} in {names[0]} and {b[run]} in {names[1]}; campaigns are compared run by "
+                "run: use the same dispersions, kind of samples and seed"
+            )
 
 
 def _means(results: VariantResults, name: str) -> str:
     """Success and means of a variant."""
-    parts, counts = [], results.counts(name)
-    if results.config.conditions and counts.done:
-        good = Proportion(counts.successes, counts.done)
+    parts, frame = [], results.variants[name].frame
+    if results.config.conditions and len(frame):
+        good = Proportion(int(frame[GOOD].sum()), len(frame))
         parts.append(f"success {good.count} of {good.of}, {percent(good.value)} ({good.interval_text})")
     for metric in results.metrics:
-        if len(values := finite(passed(results.variants[name].frame), metric)):
+        if len(values := finite(passed(frame), metric)):
             parts.append(f"{metric} {mean_text(values)}")
     return "; ".join(parts)
 
 
 def _left_out(results: VariantResults) -> Iterator[str]:
     """Runs that are missing, did not complete or do not pass their checks."""
-    for name in results.variants:
-        counts, runs = results.counts(name), results.variants[name].runs
-        left = runs - counts.done
+    for name, variant in results.variants.items():
+        left, outcomes = variant.runs - len(variant.frame), variant.frame["outcome"]
+        violated = int((variant.frame["failed"].astype(bool) & (outcomes == "completed")).sum())
+        ended = outcomes[outcomes != "completed"].value_counts()
         parts = [f"{left} {'has' if left == 1 else 'have'} no result yet"] if left else []
-        parts += [f"{count} ended with {outcome}" for outcome, count in counts.outcomes.items() if outcome != "completed"]
-        parts += [f"{counts.violated} violate{'s' if counts.violated == 1 else ''} a check"] if counts.violated else []
+        parts += [f"{count} ended with {outcome}" for outcome, count in ended.items()]
+        parts += [f"{violated} violate{'s' if violated == 1 else ''} a check"] if violated else []
         if parts:
             yield (
-                f"{name}: of {runs} runs {_listed(parts)}; metrics are compared over runs that completed and pass "
+                f"{name}: of {variant.runs} runs {_listed(parts)}; metrics are compared over runs that completed and pass "
                 "their checks in both variants."
             )
 

@@ -56,7 +56,7 @@ def report_page(results: VariantResults, comparison: VariantComparison | None, f
         figures: Title of each figure, and its path relative to the page.
     """
     config, first = results.config, next(iter(results.variants.values()))
-    if comparison is None and not first.rows:
+    if comparison is None and first.frame.empty:
         return f"# {escaped(config.campaign)}\n\n0 of {first.runs} runs have a result.\n"
     sentences = sentences_of(first, config.conditions) if comparison is None else comparison.sentences()
     parts = [
@@ -92,7 +92,7 @@ def _list(lines: Sequence[str]) -> str:
 def _by_variant(results: VariantResults, section: Callable[[Results], Iterator[str]]) -> Iterator[str]:
     """A section for every variant with rows."""
     for name, part in results.variants.items():
-        if part.rows:
+        if not part.frame.empty:
             yield from [f"### {escaped(name)}"] if name else []
             yield from section(part)
 
@@ -100,7 +100,7 @@ def _by_variant(results: VariantResults, section: Callable[[Results], Iterator[s
 def _head(results: VariantResults) -> str:
     first, several = next(iter(results.variants.values())), results.config.variants
     finished, total = (
-        sum(of(part) for part in results.variants.values()) for of in (lambda r: len(r.rows), lambda r: r.runs)
+        sum(of(part) for part in results.variants.values()) for of in (lambda r: len(r.frame), lambda r: r.runs)
     )
     runs = f"{len(results.variants)} variants of {first.runs} runs" if several else f"{total} runs"
     if finished < total:
@@ -154,15 +154,15 @@ def _outcomes(results: VariantResults) -> Iterator[str]:
 
 def _shares(results: VariantResults, name: str) -> Iterator[list[str]]:
     """Rows of outcomes of a variant: what, the variant, and the fraction with its interval."""
-    frame, counts = results.variants[name], results.counts(name)
-    sample = frame.sample
+    variant = results.variants[name]
+    sample = variant.sample
     lines = [(f"outcome {code(str(outcome))}", int(count)) for outcome, count in sample["outcome"].value_counts().items()]
     lines.append(("failed (not completed, or a check fails)", int(sample["failed"].sum())))
     if short := sum(numbers(sample, "fails_by_truncation") == 1.0):
         lines.append(("a check fails by the truncation of the step alone (remedy: accuracy in the scenario)", int(short)))
     if name and results.config.conditions:
-        lines.append(("condition met", counts.met))
-    if frame.has_success:
+        lines.append(("condition met", int(results.met(name).sum())))
+    if variant.has_success:
         lines.append((SUCCESS, int(sample[GOOD].sum())))
     for what, count in lines if len(sample) else []:
         share = Proportion(count, len(sample))

@@ -1,11 +1,10 @@
-"""Results of a campaign: rows with their columns, the table for other tools, and progress."""
+"""Results of a campaign: rows with their columns, and the table for other tools."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -13,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
-from ffsm_mj.arrays import FloatArray
+from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.conditions import Condition
 from ffsm_mj.experiments.design import Design
 from ffsm_mj.experiments.file import CampaignFile, KeepConfig
 from ffsm_mj.experiments.metrics import FAULT
-from ffsm_mj.experiments.store import RETRIED, RunRow, Store
+from ffsm_mj.experiments.store import RETRIED, RunRow
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -38,8 +37,8 @@ class Results:
         runs: Number of rows of the design.
         parameters: Columns of the sampled parameters.
         metrics: Columns of the metrics of the campaign file.
-        rows: Existing rows in the order of the runs, each with at least ``run``, ``outcome``, ``failed``, ``success`` (None
-            without a condition), ``message`` and ``phase``.
+        frame: Existing rows by run, with at least the columns ``run``, ``outcome``, ``failed``, ``success`` (None without a
+            condition), ``message``, ``phase`` and :data:`GOOD`; see :func:`frame_of`.
     """
 
     kind: str
@@ -47,15 +46,7 @@ class Results:
     runs: int
     parameters: tuple[str, ...]
     metrics: tuple[str, ...]
-    rows: Sequence[TableRow]
-
-    @cached_property
-    def frame(self) -> DataFrame:
-        """The rows by run, with the column :data:`GOOD`: a success, or, without a condition, a run that has not failed."""
-        import pandas as pd  # slow to import
-
-        table = pd.DataFrame(list(self.rows), columns=None if self.rows else _HEAD, index=[row["run"] for row in self.rows])
-        return table.assign(**{GOOD: ~table["failed"].astype(bool) & table["success"].ne(False)})
+    frame: DataFrame
 
     @property
     def has_success(self) -> bool:
@@ -65,7 +56,7 @@ class Results:
     @property
     def complete(self) -> bool:
         """Whether every run has a row."""
-        return len(self.rows) == self.runs
+        return len(self.frame) == self.runs
 
     @cached_property
     def sample(self) -> DataFrame:
@@ -86,18 +77,28 @@ class Results:
 _HEAD = ("run", "outcome", "failed", "success", "message", "phase")
 
 
+def frame_of(rows: Sequence[TableRow]) -> DataFrame:
+    """Rows of a campaign as a frame by run, with the column :data:`GOOD`.
+
+    A run is good if it is a success, or, without a condition, if it has not failed.
+    """
+    import pandas as pd  # slow to import
+
+    frame = pd.DataFrame(list(rows), columns=None if rows else _HEAD, index=[row["run"] for row in rows])
+    return frame.assign(**{GOOD: ~frame["failed"].astype(bool) & frame["success"].ne(False)})
+
+
 def results_of(rows: Sequence[RunRow], design: Design, config: CampaignFile) -> Results:
     """Results of the rows of a campaign."""
-    cells = table_rows(rows, design, config.conditions)
-    parameters = tuple(column_of(name, "parameter", cells) for name in design.parameters)
-    metrics = tuple(column_of(name, "metric", cells) for name in config.all_metrics)
-    return Results(design.kind, design.n, len(design.rows), parameters, metrics, cells)
+    frame = frame_of(table_rows(rows, design, config.conditions))
+    parameters = tuple(column_of(name, "parameter", frame.columns) for name in design.parameters)
+    metrics = tuple(column_of(name, "metric", frame.columns) for name in config.all_metrics)
+    return Results(design.kind, design.n, len(design.rows), parameters, metrics, frame)
 
 
-def column_of(name: str, kind: str, rows: Sequence[TableRow]) -> str:
+def column_of(name: str, kind: str, columns: Container[str]) -> str:
     """Column of a parameter or metric; it has a prefix if another column has its name."""
-    qualified = f"{kind}:{name}"
-    return qualified if any(qualified in row for row in rows) else name
+    return qualified if (qualified := f"{kind}:{name}") in columns else name
 
 
 def passed(rows: DataFrame) -> DataFrame:
@@ -115,25 +116,6 @@ def finite(rows: DataFrame, column: str) -> FloatArray:
     """Finite numbers of a column."""
     values = numbers(rows, column)
     return values[np.isfinite(values)]
-
-
-@dataclass(frozen=True)
-class VariantCounts:
-    """Counts of the runs of a variant.
-
-    Attributes:
-        done: Number of runs that have a row.
-        outcomes: Number of runs by outcome, the most frequent first.
-        violated: Completed runs of which a check fails.
-        met: Completed runs that meet the success condition, whether or not their checks pass.
-        successes: Of these, runs whose checks pass.
-    """
-
-    done: int
-    outcomes: Mapping[str, int]
-    violated: int
-    met: int
-    successes: int
 
 
 @dataclass(frozen=True)
@@ -161,25 +143,14 @@ class VariantResults:
         """Metrics that are compared: ``success`` first, if there is a condition for it."""
         return ((SUCCESS,) if self.config.conditions else ()) + self.metrics
 
-    def counts(self, variant: str) -> VariantCounts:
-        """Counts of the runs of a variant."""
+    def met(self, variant: str) -> BoolArray:
+        """Whether each run of a variant completed and meets the success condition, with its checks passed or not."""
         results = self.variants[variant]
-        completed = results.frame[results.frame["outcome"] == "completed"]
-        columns = {
-            condition.metric: column_of(condition.metric, "metric", results.rows) for condition in self.config.conditions
-        }
-        met = [
-            row
-            for row in results.rows
-            if row["outcome"] == "completed"
-            and all(
-                condition.holds({condition.metric: row.get(columns[condition.metric])})
-                for condition in self.config.conditions
-            )
-        ]
-        outcomes = {str(name): int(count) for name, count in results.frame["outcome"].value_counts().items()}
-        successes = sum(not row["failed"] for row in met)
-        return VariantCounts(len(results.rows), outcomes, int(completed["failed"].sum()), len(met), successes)
+        met = (results.frame["outcome"] == "completed").to_numpy(np.bool_, copy=True)
+        for condition in self.config.conditions:
+            values = numbers(results.frame, column_of(condition.metric, "metric", results.frame.columns))
+            met &= [math.isfinite(value) and condition.holds({condition.metric: value}) for value in values.tolist()]
+        return np.asarray(met)
 
     def values(self, variant: str, metric: str) -> FloatArray:
         """Values of a metric over the runs of a variant that completed and pass their checks; NaN where a run has none."""
@@ -250,119 +221,6 @@ def _of_one_type(values: list[Any]) -> list[Any]:
 
 def _as_text(value: Any) -> str:
     return value if isinstance(value, str) else json.dumps(value)
-
-
-_SHOWN = 3
-"""Number of failed runs that are listed."""
-EXCESS = "excess."
-"""Prefix of metrics with the residual of a failing check over its tolerance."""
-
-
-@dataclass(frozen=True)
-class FailingCheck:
-    """A check that fails in some runs.
-
-    Attributes:
-        name: Name of the check.
-        runs: Number of runs in which it fails.
-        excess: Largest residual over tolerance; infinite if one is not finite.
-        worst: Index of the run with the largest residual.
-    """
-
-    name: str
-    runs: int
-    excess: float
-    worst: int
-
-
-@dataclass(frozen=True)
-class Status:
-    """Progress of a campaign.
-
-    Attributes:
-        name: Name of the campaign.
-        runs: Number of runs of the design.
-        done: Number of runs that have a row.
-        failed: Number of failed runs: not completed, or a check fails.
-        outcomes: Number of runs by outcome.
-        messages: One line for each of the first failed runs.
-        checks: Failing checks, the most frequent first.
-        stopped: Why the campaign stopped early because runs fail; empty if it did not.
-        enough: Why the campaign ended early because a result is known; empty if it did not.
-        variants: Progress of each variant.
-    """
-
-    name: str
-    runs: int
-    done: int
-    failed: int
-    outcomes: Mapping[str, int]
-    messages: tuple[str, ...]
-    checks: tuple[FailingCheck, ...] = ()
-    stopped: str = ""
-    enough: str = ""
-    variants: Mapping[str, Status] = field(default_factory=dict)
-
-    @property
-    def left(self) -> int:
-        """Number of runs without a row."""
-        return self.runs - self.done
-
-
-def status_of(store: Store, name: str, runs: int) -> Status:
-    """Progress of a campaign according to its table.
-
-    Args:
-        store: The table.
-        name: Name of the campaign.
-        runs: Number of runs of the design.
-    """
-    outcomes = store.outcomes()
-    failed = store.failures()
-    messages = tuple(f"run {row.index}: {_why(row)}" for row in failed[:_SHOWN])
-    return Status(name, runs, sum(outcomes.values()), len(failed), outcomes, messages, failing_checks(failed))
-
-
-def status_of_variants(name: str, variants: Mapping[str, Status]) -> Status:
-    """Progress of a campaign with variants."""
-    outcomes: Counter[str] = Counter()
-    for part in variants.values():
-        outcomes.update(part.outcomes)
-    runs, done, failed = (sum(getattr(part, key) for part in variants.values()) for key in ("runs", "done", "failed"))
-    stopped = "; ".join(f"{name}: {part.stopped}" for name, part in variants.items() if part.stopped)
-    return Status(name, runs, done, failed, outcomes, (), stopped=stopped, variants=variants)
-
-
-def failing_checks(failed: Iterable[RunRow]) -> tuple[FailingCheck, ...]:
-    """Failing checks of failed runs of any outcome, the most frequent first."""
-    by_check: dict[str, list[tuple[float, int]]] = {}
-    for row in failed:
-        for name, excess in _excesses(row).items():
-            by_check.setdefault(name, []).append((excess, row.index))
-    # The first of several runs with the largest excess.
-    worst = {name: max(margins, key=lambda one: (one[0], -one[1])) for name, margins in by_check.items()}
-    checks = [FailingCheck(name, len(margins), *worst[name]) for name, margins in by_check.items()]
-    return tuple(sorted(checks, key=lambda check: (-check.runs, -check.excess, check.name)))
-
-
-def _excesses(row: RunRow) -> dict[str, float]:
-    """Residual over tolerance of each check that fails in a run."""
-    excesses = {key.removeprefix(EXCESS): value for key, value in row.metrics.items() if key.startswith(EXCESS)}
-    return {
-        name.replace("_", " "): float(value) if isinstance(value, int | float) else math.inf
-        for name, value in excesses.items()
-    }
-
-
-def _why(row: RunRow) -> str:
-    """Reason for the failure of a run."""
-    if row.outcome == "completed":
-        fails = [f"{name} ({excess:.3g} times its tolerance)" for name, excess in _excesses(row).items()]
-        alone = row.metrics.get("fails_by_truncation", False)
-        short = " by the truncation of the step alone" if alone else ""
-        text = f"checks fail{short}: {', '.join(fails)}" if fails else f"a check fails{short}"
-        return f"{text}; truncation: not analysed" if alone is None else text
-    return f"{row.outcome}: {row.message}" if row.message else row.outcome
 
 
 def logs_to_keep(rows: Sequence[RunRow], keep: KeepConfig) -> list[int]:

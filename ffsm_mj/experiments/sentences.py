@@ -32,7 +32,7 @@ def sentences_of(results: Results, conditions: tuple[Condition, ...]) -> list[st
         results: Results of the campaign.
         conditions: Its success conditions; empty if it has none.
     """
-    if not results.rows:
+    if results.frame.empty:
         return []
     return [_success(results, conditions), _accuracy(results), *_metric_sentences(results), _dependence(results)]
 
@@ -49,7 +49,7 @@ def _success(results: Results, conditions: tuple[Condition, ...]) -> str:
 
 
 def _accuracy(results: Results) -> str:
-    violated = sum(row.get("checks_pass") is False for row in results.rows)
+    violated = int((numbers(results.frame, "checks_pass") == 0.0).sum())
     parts = [f"checks violated in {violated or 'no'} run{'s' if violated > 1 else ''}"]
     for column, what in (("drift", "drift over (1 + scale) at most"), ("deepest_overlap_m", "overlap in m at most")):
         values = numbers(results.frame, column)

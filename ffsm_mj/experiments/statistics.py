@@ -357,7 +357,7 @@ def _all_values(results: Results, metric: str) -> FloatArray:
     if results.n < _LEAST_POINTS:
         raise ValueError(f"n = {results.n} is too small for Sobol indices; at least {_LEAST_POINTS}, 128 give an estimate")
     if not results.complete:
-        raise ValueError(f"{results.runs - len(results.rows)} runs have no result yet")
+        raise ValueError(f"{results.runs - len(results.frame)} runs have no result yet")
     failed = results.frame.index[results.frame["failed"].astype(bool)]
     if len(failed):
         raise ValueError(f"{len(failed)} runs failed, first run {failed[0]}; Sobol indices need every run")

@@ -6,7 +6,7 @@ from typing import Any
 
 from ffsm_mj.experiments.comparison import VariantComparison, compare_variants, refuse_other_samples
 from ffsm_mj.experiments.file import CampaignFile
-from ffsm_mj.experiments.results import Results, VariantResults
+from ffsm_mj.experiments.results import Results, VariantResults, frame_of
 
 
 def row(run: int, *, outcome: str = "completed", success: bool | None = None, **values: Any) -> dict[str, Any]:
@@ -24,7 +24,7 @@ def results(rows: list[dict[str, Any]], *, kind: str = "random", n: int | None =
         "metrics": tuple(name for name in names if name.startswith("y")),
         "runs": len(rows),
     } | more
-    return Results(kind=kind, n=n or len(rows), rows=rows, **told)
+    return Results(kind=kind, n=n or len(rows), frame=frame_of(rows), **told)
 
 
 def config_of(**keys: Any) -> CampaignFile:
@@ -43,7 +43,7 @@ def variant_results(
 ) -> VariantResults:
     """Results whose variants have these rows, with as many runs as the longest."""
     runs = max(map(len, variants.values()))
-    rows = {name: Results("random", runs, runs, ("x",), metrics, each) for name, each in variants.items()}
+    rows = {name: Results("random", runs, runs, ("x",), metrics, frame_of(each)) for name, each in variants.items()}
     return VariantResults(config_of(variants={name: {} for name in variants}, **config), rows)
 
 
