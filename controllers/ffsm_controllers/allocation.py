@@ -42,6 +42,8 @@ def actuators_by_name(system: System, names: Sequence[str], key: str) -> IntArra
         except LookupError as error:
             faults.append(Fault(str(error.args[0]), (key, i)))
             continue
+        if any(one.name == system.names("actuator")[actuators[-1]] for one in system.magnetorquers):
+            faults.append(Fault(f"{name} is a magnetorquer, whose torque depends on the magnetic field", (key, i)))
         if not any(body in system.robot.bodies for body in driven_bodies(system.mj, actuators[-1])):
             full = system.names("actuator")[actuators[-1]]
             faults.append(

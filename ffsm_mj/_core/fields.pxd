@@ -3,7 +3,7 @@ from ffsm_mj._core.functions cimport mjData, mjModel
 
 cdef class Bodies:
     cdef readonly tuple names
-    cdef readonly object mass_kg, inertia_kg_m2, position_m, axes, velocity_m_s, angular_velocity_rad_s
+    cdef readonly object mass_kg, inertia_kg_m2, position_m, axes, velocity_m_s, angular_velocity_rad_s, controls
     cdef object forces, torques
     cdef Py_ssize_t count
     cdef double[::1] mass

@@ -27,6 +27,7 @@ cdef class Bodies:
         angular_velocity_rad_s: Angular velocities in world axes, (n, 3).
         force_N: To this a field adds the forces at the mass centres in world axes, (n, 3).
         torque_N_m: To this it adds the torques about the mass centres in world axes, (n, 3).
+        controls: Controls of the actuators of the model, (nu,).
     """
 
     def __init__(self, names, masses, inertias):
@@ -40,6 +41,7 @@ cdef class Bodies:
         self.mass, self.inertia, self.position = self.mass_kg, self.inertia_kg_m2, self.position_m
         self.turn, self.velocity = self.axes.reshape(-1, 9), self.velocity_m_s
         self.spin, self.force, self.torque = self.angular_velocity_rad_s, self.forces, self.torques
+        self.controls = np.zeros(0)
 
     @property
     def force_N(self):
@@ -144,6 +146,7 @@ cdef class FieldForces:
         self.centres, self.frames, self.twists = data.xipos, data.ximat, data.cvel
         self.subtree_centres, self.axes_of_dofs = data.subtree_com, data.cdof
         self.qpos, self.qvel, self.applied = data.qpos, data.qvel, data.qfrc_applied
+        self.bodies.controls = data.ctrl
         return 0
 
     cdef bint is_last(self, double now) noexcept:

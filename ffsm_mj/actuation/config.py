@@ -6,7 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, NonNegativeFloat, PositiveFloat, model_validator
 
-from ffsm_mj.config import StrictModel
+from ffsm_mj.config import Name, StrictModel
+from ffsm_mj.model.magnetorquers import Axis
 
 
 class _Delayed(StrictModel):
@@ -69,6 +70,18 @@ class OnOffConfig(_Delayed):
         return self
 
 
-AnyActuator = IdealConfig | TorqueConfig | TorqueSpeedConfig | ReactionWheelConfig | OnOffConfig
-ACTUATOR_KINDS = ("ideal", "torque", "torque_speed", "reaction_wheel", "on_off")
+class MagnetorquerConfig(_Delayed):
+    """A magnetorquer, added at a site: its command is a dipole along an axis of the site, and its torque m x B."""
+
+    kind: Literal["magnetorquer"]
+    site: Name
+    """Site of a moving body that it is at."""
+    axis: Axis = "z"
+    """Axis of the site along which a positive dipole points."""
+    max_dipole_A_m2: PositiveFloat
+    """Largest dipole, in either direction, A m^2."""
+
+
+AnyActuator = IdealConfig | TorqueConfig | TorqueSpeedConfig | ReactionWheelConfig | OnOffConfig | MagnetorquerConfig
+ACTUATOR_KINDS = ("ideal", "torque", "torque_speed", "reaction_wheel", "on_off", "magnetorquer")
 ActuatorConfig = Annotated[AnyActuator, Field(discriminator="kind")]

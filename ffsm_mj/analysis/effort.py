@@ -17,6 +17,7 @@ from ffsm_mj.log.recorder import Sink
 from ffsm_mj.model.actuators import servo_mask
 from ffsm_mj.model.driven_joints import drives_rotation
 from ffsm_mj.model.inputs import controller_of, further_inputs
+from ffsm_mj.model.magnetorquers import magnetorquer_mask
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event
 from ffsm_mj.records.metadata import free_components
@@ -50,7 +51,7 @@ class Effort(Sink):
     def __init__(self, system: System) -> None:
         """Bind to robot and objects."""
         self._system = system
-        self._actuators = np.flatnonzero(~further_inputs(system.mj))
+        self._actuators = np.flatnonzero(~further_inputs(system.mj) & ~magnetorquer_mask(system.mj))
         self._names = tuple(system.names("actuator")[i] for i in self._actuators.tolist())
         self.base_rotation, self.momentum_exchange = BaseRotation(system), MomentumExchange(system)
         self._joint, self._gear = (part[self._actuators] for part in _drives(system.mj))
@@ -239,7 +240,7 @@ class MomentumExchange:
         """Bind to robot and objects."""
         self._system, self._model, self._stack = system, system.mj, StackMomentum(system)
         self._names = tuple(map(identifier, system.names("actuator")))
-        self._outer = np.flatnonzero(external_actuators(system))
+        self._outer, self._dipoles = np.flatnonzero(external_actuators(system)), np.flatnonzero(magnetorquer_mask(system.mj))
         self._external, self._by_actuator = np.zeros(3), np.zeros((len(self._names), 3))
         self._passed = np.zeros(len(self._names))
         self._events: list[Any] = []
@@ -257,6 +258,8 @@ class MomentumExchange:
         self._time = layout.time
         self._qpos, self._qvel = layout.places(coordinate_keys(joints)), layout.places(rate_keys(joints))
         suffixes = ["N_m" if drives_rotation(self._model, i) else "N" for i in range(len(self._names))]
+        for i in self._dipoles.tolist():
+            suffixes[i] = "A_m2"
         what = np.where(servo_mask(self._model), "force", "applied").tolist()
         names = [self._names[controller_of(self._model, i)] for i in range(len(self._names))]  # inputs have no force
         self._applied = layout.places(
@@ -423,9 +426,12 @@ class MomentumExchange:
         return groups
 
     def _actuators(self, spin0: FloatArray, spin1: FloatArray) -> dict[str, dict[str, Any]]:
-        """By actuator: ``impulse`` is its effort over time, ``taken_N_m_s`` what a wheel stores or a thruster brings."""
+        """By actuator: ``impulse`` is its effort over time, ``taken_N_m_s`` what a wheel stores or a thruster brings.
+
+        What magnetorquers bring is that of external fields.
+        """
         actuators: dict[str, dict[str, Any]] = {}
-        for i in np.flatnonzero(~further_inputs(self._model)).tolist():
+        for i in np.flatnonzero(~further_inputs(self._model) & ~magnetorquer_mask(self._model)).tolist():
             name, on_joint = self._names[i], self._model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
             joint = self._model.joint(int(self._model.actuator_trnid[i, 0])).name if on_joint else ""
             exchanged, kind = np.zeros(3), "joint"

@@ -15,6 +15,7 @@ from ffsm_mj.model.edits import AddedSite, motors_of, to_strip
 from ffsm_mj.model.files import ModelFiles, read_model
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.inline import InlineModel
+from ffsm_mj.model.magnetorquers import magnetorquers_of
 from ffsm_mj.model.properties import Overrides
 from ffsm_mj.model.system import System
 from ffsm_mj.scenario.scenario import ScenarioConfig
@@ -82,6 +83,7 @@ def _compiled(scenario: ScenarioConfig, files: Mapping[str, ModelFiles], *keys: 
         conservative=scenario.conservative,
         grasp=grasp,
         sensors=[sensor for sensor in added if sensor is not None],
+        magnetorquers=magnetorquers_of(scenario.actuators),
     )
 
 

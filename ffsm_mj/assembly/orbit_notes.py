@@ -23,6 +23,7 @@ def orbit_lines(assembly: Assembly) -> list[str]:
     """Lines of ``ffsm check`` on the orbit and the other fields; none without any."""
     around = assembly.scenario.environment
     kinds = [field.kind for field in around.fields] if around is not None else []
+    kinds += ["magnetorquers"] if assembly.system.magnetorquers else []
     if around is None or around.orbit is None:
         return [f"external fields ({', '.join(kinds)}): their impulse and work enter the balance"] if kinds else []
     orbit, name = Orbit.of(around.orbit, around.world_axes), around.orbit.body

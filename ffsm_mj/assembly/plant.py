@@ -252,8 +252,8 @@ def external_fields(scenario: ScenarioConfig, scene: Scene) -> ExternalFields | 
     Raises:
         ScenarioFaults: A field cannot be created from its configuration, or the models do not fit an orbit.
     """
-    around, acting = scenario.environment, list[Field]()
-    if around is None or (not around.fields and around.orbit is None):
+    around, acting, magnetorquers = scenario.environment, list[Field](), scene.system.magnetorquers
+    if around is None or (not around.fields and around.orbit is None and not magnetorquers):
         return None
     bodies = bodies_of(scene.system)
     with Faults() as faults:
@@ -263,12 +263,19 @@ def external_fields(scenario: ScenarioConfig, scene: Scene) -> ExternalFields | 
         if around.orbit is not None:
             for text in _unfit_for_orbit(scene.system, around):
                 faults.add(text, "environment", "orbit")
-    if around.orbit is None:
-        return ExternalFields(scene, acting)
-    orbit = Orbit.of(around.orbit, around.world_axes)
-    field = orbit.field()
-    fields = ExternalFields(scene, acting, field)
-    fields.columns = (orbit_columns(field, fields),)
+        for one in magnetorquers:
+            actuator = scene.system.index("actuator", one.name)
+            if scene.system.actuator_trees[actuator] < 0:
+                faults.add("is a site of a body that does not move", "actuators", one.name, "site")
+    orbit = Orbit.of(around.orbit, around.world_axes) if around.orbit is not None else None
+    magnetic = None
+    if around.magnetic_field is not None and magnetorquers:
+        magnetic = magnetic_field_of(around.magnetic_field, orbit, around.epoch)
+    if orbit is None:
+        return ExternalFields(scene, acting, magnetic=magnetic)
+    tide = orbit.field()
+    fields = ExternalFields(scene, acting, tide, magnetic=magnetic)
+    fields.columns = (*fields.columns, orbit_columns(tide, fields))
     return fields
 
 
@@ -281,12 +288,14 @@ def surroundings_of(around: EnvironmentConfig | None, fields: ExternalFields | N
     return Surroundings(orbit, () if fields is None else fields.acting, magnetic)
 
 
-def environment_metadata(around: EnvironmentConfig | None) -> dict[str, str]:
+def environment_metadata(scenario: ScenarioConfig) -> dict[str, str]:
     """Metadata of the orbit of a scenario."""
+    around = scenario.environment
     if around is None:
         return {}
     orbit = Orbit.of(around.orbit, around.world_axes) if around.orbit is not None else None
-    alone = orbit is not None and orbit.is_circular and not around.fields
+    pushed = around.fields or any(actuator.kind == "magnetorquer" for actuator in scenario.actuators.values())
+    alone = orbit is not None and orbit.is_circular and not pushed
     return orbit_metadata(orbit.spin.tolist() if orbit is not None and alone else None, around.epoch)
 
 

@@ -213,7 +213,7 @@ def _metadata(assembly: Assembly) -> dict[str, str]:
         metadata |= phase_graph_metadata(ways)
     metadata |= conservative_metadata(assembly.system.faults) | free_metadata(assembly.plant.balance.free)
     metadata |= gravity_metadata(assembly.system.mj.opt.gravity)
-    metadata |= environment_metadata(config.environment) | model_metadata(assembly.compiled.changes)
+    metadata |= environment_metadata(config) | model_metadata(assembly.compiled.changes)
     if config.task is not None:
         metadata |= task_metadata(config.task.axes, config.task.target_m)
     if config.terminal is not None:

@@ -17,6 +17,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.model.actuators import servo_mask
+from ffsm_mj.model.magnetorquers import magnetorquer_mask
 from ffsm_mj.model.system import System, Tree
 
 
@@ -161,7 +162,7 @@ def external_actuators(system: System) -> np.ndarray[Any, np.dtype[np.bool_]]:
     """Mask of the motors that exert external forces on robot or objects: on a base joint, or at a site, (nu,)."""
     model = system.mj
     base = {dof for tree in system.trees for dof in range(tree.base_dofs.start, tree.base_dofs.stop)}
-    mask = ~servo_mask(model)
+    mask = ~servo_mask(model) & ~magnetorquer_mask(model)
     for i in np.flatnonzero(mask).tolist():
         if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT:
             mask[i] = model.jnt_dofadr[model.actuator_trnid[i, 0]] in base
@@ -178,7 +179,7 @@ def site_wrench(model: Any, actuator: int) -> FloatArray:
 def site_actuators(model: Any) -> np.ndarray[Any, np.dtype[np.bool_]]:
     """Mask of the actuators that exert a force at a site without reference site, (nu,)."""
     at_site = model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_SITE)
-    return np.asarray(at_site & (model.actuator_trnid[:, 1] < 0))
+    return np.asarray(at_site & (model.actuator_trnid[:, 1] < 0) & ~magnetorquer_mask(model))
 
 
 @dataclass(frozen=True)

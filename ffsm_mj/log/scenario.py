@@ -15,6 +15,7 @@ from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.edits import AddedSite, JointFlex, LimitsMode, Strippable, motors_of, to_strip
 from ffsm_mj.model.files import ModelFiles, logged_model, logged_name
 from ffsm_mj.model.grasp import Grasp
+from ffsm_mj.model.magnetorquers import Axis, magnetorquers_of
 from ffsm_mj.model.properties import BodyProperties, Overrides, Pose
 from ffsm_mj.model.sensors import AddedKind, AddedSensor
 from ffsm_mj.model.system import System
@@ -53,7 +54,12 @@ class _Sensor(_Part):
 
 
 class _Actuator(_Part):
+    """Limits of an actuator; the others are those of a magnetorquer."""
+
     kind: str
+    site: str = ""
+    axis: Axis = "z"
+    max_dipole_A_m2: PositiveFloat = 1.0
 
 
 class _Log(_Part):
@@ -164,6 +170,7 @@ def compile_log(log: RunLog, place: str = THE_LOG, grasp: Grasp | None = None) -
             conservative=scenario.conservative,
             grasp=grasp,
             sensors=sensors,
+            magnetorquers=magnetorquers_of(scenario.actuators or {}),
         )
     except ScenarioFaults as error:
         raise InputError([f"{place}: {fault.message}" for fault in error.faults]) from error

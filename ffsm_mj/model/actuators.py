@@ -16,6 +16,7 @@ import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.model.inputs import NO_VOLTAGE, further_inputs
+from ffsm_mj.model.magnetorquers import magnetorquer_mask
 from ffsm_mj.model.system import ancestors, driven_bodies, is_fixed_tendon
 
 _JOINT, _SITE = mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_SITE
@@ -64,7 +65,7 @@ def has_servos(model: Any) -> bool:
 def thruster_ids(model: Any) -> IntArray:
     """Plain motors that exert a force at a site without reference site: an external force on its body, (n,)."""
     at_site = (model.actuator_trntype == int(_SITE)) & (model.actuator_trnid[:, 1] < 0)
-    return np.flatnonzero(at_site & ~servo_mask(model))
+    return np.flatnonzero(at_site & ~servo_mask(model) & ~magnetorquer_mask(model))
 
 
 def external_servos(model: Any) -> IntArray:

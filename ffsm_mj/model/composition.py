@@ -17,6 +17,7 @@ from ffsm_mj.model.edits import add_flex, add_sites, make_motors, strip
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.grasp import Grasp, join
 from ffsm_mj.model.inputs import ambiguous_inputs, separate_inputs
+from ffsm_mj.model.magnetorquers import Magnetorquer, add_magnetorquers
 from ffsm_mj.model.mujoco_process import collected_warnings, warning_lines
 from ffsm_mj.model.one_file import add_shared_elements
 from ffsm_mj.model.overrides import ModelOverrides, override
@@ -243,6 +244,7 @@ def compile_system(
     conservative: bool = True,
     grasp: Grasp | None = None,
     sensors: Sequence[AddedSensor] = (),
+    magnetorquers: Sequence[Magnetorquer] = (),
 ) -> System:
     """Compile robot and objects into one model with index maps; nothing is read from disk.
 
@@ -256,6 +258,7 @@ def compile_system(
         conservative: Refuse elements that break the conservation of energy or momentum.
         grasp: Closed grasp: the object is part of the robot's tree, at a pose that is written to the model later.
         sensors: Sensors to add.
+        magnetorquers: Magnetorquers to add.
 
     Raises:
         InputError: A model is malformed, does not have exactly one moving tree, moves although it is fixed, or is not
@@ -268,6 +271,7 @@ def compile_system(
     # The compiler also issues Python warnings, whose filters are global.
     with mujoco.MjVfs() as vfs, collected_warnings(warned[""]), _COMPILING, catch_warnings(action="ignore"):
         parts, faults = _attach(scene, files, grasp, vfs, warned, conservative=conservative)
+        add_magnetorquers(scene, magnetorquers)
         added = add_sensors(scene, sensors, grasped=grasp is not None)
         model = _compile_scene(scene, files, vfs)
     model.actuator_actearly[:] = 0  # a force follows from the activation of the same instant, which stages integrate
@@ -277,7 +281,9 @@ def compile_system(
     places = Places(scene, files)
     faults += places.sentences(conservation_faults(model))
     (limits, of_limits), equalities = effort_limits(model), equality_places(model, places)
-    refused = places.sentences((*actuator_faults(model), *of_limits, *refusals(model)))
+    added_names = {one.name for one in magnetorquers}  # the model has no force of theirs
+    of_actuators = [fault for fault in actuator_faults(model) if fault[1] not in added_names]
+    refused = places.sentences((*of_actuators, *of_limits, *refusals(model)))
     refused += [f"{where} {what}" for e, where in equalities.items() for what in equality_refusals(model, e)]
     if refused:
         raise InputError(refused)
@@ -300,6 +306,7 @@ def compile_system(
         grasped=_grasped(model, trees[0], grasp) if grasp is not None else None,
         sensors={name: sensor for part in parts for name, sensor in part.sensors.items()} | added,
         effort_limits=limits,
+        magnetorquers=tuple(magnetorquers),
         equalities=equalities,
         actuator_delays_s={name: delay for part in parts for name, delay in part.delays_s.items()},
     )

@@ -13,6 +13,7 @@ from ffsm_mj.arrays import IntArray
 from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
 from ffsm_mj.model.actuators import external_servos, servo_mask
 from ffsm_mj.model.inputs import controller_of, input_of
+from ffsm_mj.model.magnetorquers import magnetorquer_mask
 from ffsm_mj.model.system import Joint, System, followers
 
 _SCALAR = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
@@ -231,7 +232,7 @@ def control_unit(model: Any, actuator: int) -> str:
     """
     rotates = drives_rotation(model, actuator)
     if not servo_mask(model)[actuator]:
-        return "N m" if rotates else "N"
+        return "A m^2" if magnetorquer_mask(model)[actuator] else "N m" if rotates else "N"
     units = {"pos": "rad", "vel": "rad/s", "ff": "N m"} if rotates else {"pos": "m", "vel": "m/s", "ff": "N"}
     token, on_joint = input_of(model, actuator), model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT
     if token == "voltage":
@@ -248,4 +249,4 @@ def control_unit(model: Any, actuator: int) -> str:
 
 def unit_suffix(unit: str) -> str:
     """End of the name of a column in a unit, with its underscore."""
-    return f"_{unit}".replace(" ", "_").replace("/", "_") if unit else ""
+    return f"_{unit}".replace(" ", "_").replace("/", "_").replace("^", "") if unit else ""

@@ -19,6 +19,7 @@ from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.errors import unknown_name
 from ffsm_mj.model.files import ModelFiles, logged_name, stored_with
 from ffsm_mj.model.grasp import Grasp
+from ffsm_mj.model.magnetorquers import Magnetorquer
 from ffsm_mj.model.properties import PropertyChange
 from ffsm_mj.model.sensors import ModelSensor
 
@@ -138,6 +139,7 @@ class System:
         grasped: The grasped object: its bodies and joints, and the dofs of the tree that it is a part of; None without one.
         sensors: Sensors of the models by full name, in MuJoCo's order.
         actuator_delays_s: Delays of actuators in the model files by full name, s.
+        magnetorquers: Magnetorquers that the scenario adds.
         equalities: Places of the equality constraints that are active from the start, by their ids in the model.
     """
 
@@ -155,6 +157,7 @@ class System:
     grasped: Tree | None = None
     sensors: Mapping[str, ModelSensor] = field(default_factory=dict)
     actuator_delays_s: Mapping[str, float] = field(default_factory=dict)
+    magnetorquers: tuple[Magnetorquer, ...] = ()
     equalities: Mapping[int, str] = field(default_factory=dict)
 
     @property

@@ -176,7 +176,7 @@ def momentum_keys(whose: str) -> tuple[str, ...]:
 
 
 def effort_key(layout: Layout, actuator: str, what: str) -> str:
-    """Column of an actuator's effort, in N or N m, or of a servo's setpoint, in the unit of its joint or in none.
+    """Column of an actuator's effort, in N or N m (of a magnetorquer A m^2), or of a servo's setpoint, in that of its joint.
 
     Args:
         layout: Columns of a row.
@@ -193,7 +193,7 @@ def effort_key(layout: Layout, actuator: str, what: str) -> str:
     raise KeyError(f"{stem}{_COMMANDS[0]}")
 
 
-_COMMANDS = ("_N", "_N_m", "_rad", "_m", "_rad_s", "_m_s", "_V", "")
+_COMMANDS = ("_N", "_N_m", "_rad", "_m", "_rad_s", "_m_s", "_V", "_A_m2", "")
 """Ends of the columns of a command."""
 _UNITS = (("_N_m_s", "N m s"), ("_N_m", "N m"), ("_N_s", "N s"), ("_rad_s", "rad/s"), ("_m_s", "m/s"), ("_rad", "rad"))
 

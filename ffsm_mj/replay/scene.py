@@ -83,5 +83,5 @@ def state_metadata(scene: LogScene) -> dict[str, str]:
     """Metadata of a run derived from its models."""
     system = scene.plant.system
     metadata = free_metadata(scene.plant.balance.free) | conservative_metadata(system.faults)
-    metadata |= gravity_metadata(system.mj.opt.gravity) | environment_metadata(scene.scenario.environment)
+    metadata |= gravity_metadata(system.mj.opt.gravity) | environment_metadata(scene.scenario)
     return metadata | {"time_step_s": repr(scene.scenario.time_step_s)}

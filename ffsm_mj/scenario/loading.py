@@ -390,6 +390,9 @@ def _other_faults(scenario: ScenarioConfig) -> list[Fault]:
     for name, sensor in scenario.sensors.items():
         if text := _lacking_for_sensor(sensor, around):
             faults.add(text, "sensors", name, "axes" if sensor.axes == "eci" else "kind")
+    for name, actuator in scenario.actuators.items():
+        if actuator.kind == "magnetorquer" and (around is None or around.magnetic_field is None):
+            faults.add("a magnetorquer needs 'environment.magnetic_field'", "actuators", name, "kind")
     if scenario.extends is not None:
         faults.add("can only stand in a scenario file", "extends")
     for reserved in {"robot", "world"} & set(scenario.objects):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import mujoco
@@ -13,8 +13,12 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.interface import ForceOrder, ForceSource, Scene
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.fields.interface import Field
+from ffsm_mj.fields.magnetic import MagneticField
+from ffsm_mj.fields.magnetorquers import Magnetorquers
 from ffsm_mj.model.system import System
+from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.contact_forces import Wrench
+from ffsm_mj.records.signals import Signal, identifier
 from ffsm_mj.state import get_states, set_states
 from ffsm_mj.unchanging import with_state
 
@@ -32,6 +36,13 @@ def bodies_of(system: System) -> Bodies:
     return Bodies([model.body(i).name for i in ids], model.body_mass[ids], model.body_inertia[ids])
 
 
+def _torque_signals(system: System) -> Iterator[Signal]:
+    for one in system.magnetorquers:
+        for axis in "xyz":
+            text = f"torque of {one.name} on its body, world axes"
+            yield Signal("actuators", f"{identifier(one.name)}_torque_{axis}_N_m", "N m", text, f"actuator {one.name}")
+
+
 class ExternalFields(ForceSource):
     """Forces of the external fields of a scenario; the motions' steps integrate their work and impulses.
 
@@ -45,9 +56,19 @@ class ExternalFields(ForceSource):
     active = True
     order = ForceOrder.EXTERNAL
 
-    def __init__(self, scene: Scene, fields: Sequence[Field], *compiled: CompiledField) -> None:
-        """Act on the bodies of a scene; the fields of the core are without memory."""
+    def __init__(
+        self, scene: Scene, fields: Sequence[Field], *compiled: CompiledField, magnetic: MagneticField | None = None
+    ) -> None:
+        """Act on the bodies of a scene.
+
+        Args:
+            scene: The scene.
+            fields: Fields that are not of the core.
+            compiled: Fields of the core, which are without memory.
+            magnetic: Magnetic field, in which the magnetorquers of the scene act; None: there are none.
+        """
         super().__init__(scene)
+        self._magnetic = magnetic
         self.acting = tuple(fields)
         self._fields: tuple[Field | CompiledField, ...] = (*compiled, *fields)
         self.done = np.zeros((len(scene.system.trees), 7))
@@ -56,15 +77,33 @@ class ExternalFields(ForceSource):
             for i, source in enumerate(fields)
         }
         self._ids, self._trees = moving_bodies(scene.system)
+        self._torquers = self._torquers_of(scene.system, bodies_of(scene.system))
+        if self._torquers:
+            signals = tuple(_torque_signals(scene.system))
+            self._torques = np.zeros(len(signals))
+            self.columns = (Columns(signals, live=self._torques, on_sample=self._sample),)
 
     def bind(self, motion: Motion) -> None:
         """Act in another motion."""
         super().bind(motion)
         if motion.field is None:
             ids, bodies = [motion.bodies[body] for body in self._ids], bodies_of(self.scene.system)
-            motion.field = FieldForces(motion.model, motion.data, ids, self._trees, bodies, self._fields, self.done)
+            fields = (*self._fields, *self._torquers)
+            motion.field = FieldForces(motion.model, motion.data, ids, self._trees, bodies, fields, self.done)
         self.forces = motion.field
         self.push = self.forces.push  # type: ignore[method-assign]  # stages of a step call the core, not Python
+
+    def _torquers_of(self, system: System, bodies: Bodies) -> tuple[Magnetorquers, ...]:
+        """The magnetorquers of a system as one field; none: there are none."""
+        if self._magnetic is None:
+            return ()
+        return (Magnetorquers(system.mj, bodies, system.magnetorquers, self._magnetic),)
+
+    def _sample(self, time_s: float) -> None:
+        """Update the columns."""
+        self.forces.evaluate_now()
+        for torquers in self._torquers:
+            self._torques[:] = torquers.torques(time_s, self.forces.bodies, self.scene.data.ctrl).ravel()
 
     def forces_in(self, system: System) -> FieldForces:
         """The forces in another system with the same bodies, as a control law knows it, at the state in any data of it."""
@@ -72,7 +111,8 @@ class ExternalFields(ForceSource):
         ids = [system.index("body", name) for name in names]
         bodies = Bodies(names, system.mj.body_mass[ids], system.mj.body_inertia[ids])
         done, data = np.zeros((1, 7)), mujoco.MjData(system.mj)
-        return FieldForces(system.mj, data, ids, [0] * len(ids), bodies, self._fields, done)
+        fields = (*self._fields, *self._torquers_of(system, bodies))
+        return FieldForces(system.mj, data, ids, [0] * len(ids), bodies, fields, done)
 
     def get_state(self) -> dict[str, Any]:
         """What fields of packages remember: those that say so have a state, others must not."""

@@ -386,7 +386,7 @@ FAULTS = [
         "file: no such file {folder}/forse.csv (did you mean '{csv}'?)",
     ),
     ("time_s,push_x_N\n0,1\n1,1\n", {"file": "."}, "file: {folder}: contains no run.mcap"),
-    ("time_s,push_x_N\n0,1\n1,1\n", {"unit": "Nm"}, "unit: should be 'N', 'mN', 'kN', 'N m', 'mN m' or 'kN m'"),
+    ("time_s,push_x_N\n0,1\n1,1\n", {"unit": "Nm"}, "unit: should be 'N', 'mN', 'kN', 'N m', 'mN m', 'kN m' or 'A m^2'"),
     ("PAR1", {}, "file: {csv}: cannot be read as Parquet (Arrow"),
     ("\udcff", {}, "file: {csv}: is neither text in UTF-8, nor Parquet, nor a log of ffsm-mj"),
 ]

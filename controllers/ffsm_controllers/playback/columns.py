@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ffsm_controllers.playback.config import FORCES, TORQUES, EffortColumnConfig, PlaybackConfig
+from ffsm_controllers.playback.config import DIPOLES, FORCES, TORQUES, EffortColumnConfig, PlaybackConfig
 from ffsm_controllers.playback.record import EffortRecord
 from ffsm_mj.controller_protocol import (
     Fault,
@@ -19,12 +19,13 @@ from ffsm_mj.controller_protocol import (
     System,
     TableError,
     control_unit,
-    drives_rotation,
     identifier,
     is_servo,
 )
 
-_FACTORS = {"N": 1.0, "mN": 1e-3, "kN": 1e3, "N m": 1.0, "mN m": 1e-3, "kN m": 1e3}
+_FACTORS = {"N": 1.0, "mN": 1e-3, "kN": 1e3, "N m": 1.0, "mN m": 1e-3, "kN m": 1e3, "A m^2": 1.0}
+_EFFORTS = {"N": ("force", FORCES), "N m": ("torque", TORQUES), "A m^2": ("dipole", DIPOLES)}
+"""What an actuator takes by the unit of its command, and in which units it may be recorded."""
 _SETPOINTS = ("rad", "rad/s", "m", "m/s", "V", "N", "N m")
 """Units of setpoints; others have none."""
 _TIME_FACTORS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -126,14 +127,14 @@ def _column_of(actuator: str, actuators: Collection[str], columns: Collection[st
     short = actuator.rpartition("/")[2]
     of_several = sum(name.rpartition("/")[2] == short for name in actuators) > 1
     stems = (actuator, *(() if of_several else (short,)), identifier(actuator))
-    ends = ("", *(f"_{unit.replace(' ', '_').replace('/', '_')}" for unit in (*_FACTORS, *_SETPOINTS)))
+    ends = ("", *(_end_of(unit) for unit in (*_FACTORS, *_SETPOINTS)))
     wanted = [f"{group}{stems[-1]}_applied{end}" for group in ("actuators.", "") for end in ends]
     wanted += [f"{stem}{end}" for stem in stems for end in ends]
     return next((name for name in wanted if name in columns), None)
 
 
 def _efforts(config: PlaybackConfig, table: RecordedTable, system: System, driven: _Driven) -> FloatArray:
-    """Efforts of one actuator, (number of samples,), N or N m.
+    """Efforts of one actuator, (number of samples,), N, N m or A m^2.
 
     Raises:
         TableError: The column is unknown, its unit is not stated or does not fit, or a cell is no finite number.
@@ -142,9 +143,8 @@ def _efforts(config: PlaybackConfig, table: RecordedTable, system: System, drive
     if is_servo(system.mj, driven.actuator):
         return _setpoints(table, system, driven, name)
     unit = _unit(name, driven.config.unit or config.unit, _FACTORS, f"unit: {FORCES[0]} or {TORQUES[0]}")
-    allowed = TORQUES if drives_rotation(system.mj, driven.actuator) else FORCES
+    what, allowed = _EFFORTS[control_unit(system.mj, driven.actuator)]
     if unit not in allowed:
-        what = "torque" if allowed is TORQUES else "force"
         actuator = system.names("actuator")[driven.actuator]
         raise TableError(f"column {name!r} is in {unit}, and {actuator} takes a {what}; allowed: {', '.join(allowed)}")
     with np.errstate(over="ignore"):
@@ -185,7 +185,12 @@ def _unit(column: str, stated: str | None, units: Collection[str], example: str)
 
 
 def _ends_in(column: str, unit: str) -> bool:
-    return column.endswith(f"_{unit.replace(' ', '_').replace('/', '_')}")
+    return column.endswith(_end_of(unit))
+
+
+def _end_of(unit: str) -> str:
+    """End of the name of a column in a unit."""
+    return f"_{unit}".replace(" ", "_").replace("/", "_").replace("^", "")
 
 
 def _times(config: PlaybackConfig, table: RecordedTable) -> FloatArray:

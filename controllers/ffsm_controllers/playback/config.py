@@ -9,9 +9,9 @@ from pydantic import Field, PositiveFloat, PositiveInt, field_validator, model_v
 from ffsm_controllers.playback.record import Interpolation
 from ffsm_mj.controller_protocol import FileName, StrictModel
 
-EffortUnit = Literal["N", "mN", "kN", "N m", "mN m", "kN m"]
+EffortUnit = Literal["N", "mN", "kN", "N m", "mN m", "kN m", "A m^2"]
 TimeUnit = Literal["s", "ms", "us", "ns"]
-FORCES, TORQUES = get_args(EffortUnit)[:3], get_args(EffortUnit)[3:]
+FORCES, TORQUES, DIPOLES = get_args(EffortUnit)[:3], get_args(EffortUnit)[3:6], get_args(EffortUnit)[6:]
 ColumnName = Annotated[str, Field(min_length=1)] | PositiveInt
 
 

@@ -28,6 +28,7 @@ from ffsm_mj.log.palette import (
     mixed,
     object_colour,
 )
+from ffsm_mj.model.magnetorquers import magnetorquer_mask
 from ffsm_mj.model.system import System
 from ffsm_mj.records.metadata import free_components
 from ffsm_mj.records.sensing_columns import EstimatedColumns, MeasuredColumns, estimated_columns, measured_columns
@@ -161,7 +162,7 @@ def _residuals(index: Mapping[str, int], metadata: Mapping[str, str]) -> Plot:
 
 def _efforts(layout: Layout, system: System) -> list[Plot]:
     groups = []
-    external = external_actuators(system)
+    external = external_actuators(system) | magnetorquer_mask(system.mj)
     for i, name in enumerate(system.names("actuator")):
         columns = [layout.index[effort_key(layout, name, what)] for what in ("lower", "upper", "applied")]
         entity = f"{BASE if external[i] else JOINTS}/{identifier(name)}"

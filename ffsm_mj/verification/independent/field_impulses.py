@@ -28,11 +28,15 @@ def field_impulses(scene: LoggedScene, rows: LoggedRows) -> list[Finding]:
     if not rows.is_whole or not scene.fields.are_all or not scene.scenario.get("environment"):
         return []
     numbers = rows.kept.spread.kept
+    magnetorquers = [scene.actuators.index(one.name) for one in scene.system.magnetorquers]
     keys = [f"balance.field_on_{name}_{part}" for name in _SUBSYSTEMS for part in COMPONENTS]
     places = np.reshape(scene.layout.places(keys), (2, 6))
     for window in zip(*(numbers[i::4] for i in range(4)), numbers[4::4], strict=False):
         times = np.array([rows.time_s(number) for number in window])
         is_even = np.ptp(np.diff(times)) < SAME_TIME_S
+        dipoles = np.array([scene.efforts_of(rows.kept[number])[magnetorquers] for number in window])
+        if np.ptp(dipoles, axis=0).any():  # torques that jump are no smooth functions of the rows
+            continue
         if not is_even or rows.has_events(times[0] - SAME_TIME_S, times[-1] + SAME_TIME_S):
             continue
         forces = np.array([_forces(scene, rows.kept[number]) for number in window])

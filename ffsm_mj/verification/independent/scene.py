@@ -6,7 +6,7 @@ The model is that of the log without any closed grasp: what holds an object acts
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -111,7 +111,7 @@ class LoggedScene:
         model, data = self.model, self.data
         self._field_force[:] = 0.0
         for body, wrench in self.field_wrenches():
-            data.xfrc_applied[body] = wrench
+            data.xfrc_applied[body] += wrench
             mujoco.mj_applyFT(model, data, wrench[:3], wrench[3:], data.xipos[body], body, self._field_force)
 
     def field_wrenches(self) -> list[tuple[int, Array]]:
@@ -123,7 +123,19 @@ class LoggedScene:
             axes = data.ximat[body].reshape(3, 3)
             inertia = axes * model.body_inertia[body] @ axes.T
             wrenches.append((body, self.fields.wrench(data.time, model.body_mass[body], data.xipos[body], inertia)))
-        return wrenches
+        return [*wrenches, *self._magnetic_torques()]
+
+    def _magnetic_torques(self) -> Iterator[tuple[int, Array]]:
+        """Bodies of magnetorquers, and their torques as wrenches, with the dipoles in the data."""
+        model, data, magnetic = self.model, self.data, self.fields.magnetic
+        if magnetic is None:
+            return
+        for one in self.system.magnetorquers:
+            actuator = int(model.actuator(one.name).id)
+            site = int(model.actuator_trnid[actuator, 0])
+            body = int(model.site_bodyid[site])
+            dipole = data.ctrl[actuator] * data.site_xmat[site].reshape(3, 3)[:, "xyz".index(one.axis)]
+            yield body, np.concatenate((np.zeros(3), np.cross(dipole, magnetic.at(data.time, data.xipos[body]))))
 
     def put_row(self, row: Array, efforts: Any = None) -> None:
         """The same for a row of the log and, unless others are given, its own efforts."""
