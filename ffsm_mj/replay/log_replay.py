@@ -225,6 +225,7 @@ class LogReplay:
     def _start_at_sample(self, line: int, tick: int, time_s: float) -> None:
         """Start at a sample: the first one, or the first after a gap, where accumulated columns are taken from the log."""
         logged, plant = self._logged, self._plant
+        plant.data.time = time_s  # external fields are evaluated at it
         plant.set_coordinates(logged.states[line])
         self._events.skip_to(tick * self._steps)
         # Columns that add up since t = 0 begin at zero there, and behind a gap at their logged values: what was added in it
