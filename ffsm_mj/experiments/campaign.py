@@ -43,7 +43,7 @@ from ffsm_mj.experiments.results import (
 )
 from ffsm_mj.experiments.sentences import sentences_of
 from ffsm_mj.experiments.settings import campaign_settings, row_versions, settings_changes, settings_hash
-from ffsm_mj.experiments.statistics import Proportion, Quantile, quantile
+from ffsm_mj.experiments.statistics import Estimate, Proportion, quantile
 from ffsm_mj.experiments.status import Status, status_of, status_of_variants
 from ffsm_mj.experiments.store import RunRow, Store
 from ffsm_mj.experiments.worker import Job, Rerun, rerun
@@ -227,7 +227,7 @@ class Campaign:
         rows = self.results().sample
         return Proportion(int((numbers(rows, what) == 1.0).sum()), len(rows))
 
-    def quantile(self, metric: str, share: float) -> Quantile:
+    def quantile(self, metric: str, share: float) -> Estimate:
         """Quantile of a metric over the runs that did not fail, with its confidence interval.
 
         Args:

@@ -15,7 +15,7 @@ from ffsm_mj.errors import FfsmError, InputError, described
 from ffsm_mj.experiments.executors import WorkerLostError, Workers
 from ffsm_mj.experiments.file import CampaignFile
 from ffsm_mj.experiments.results import Results
-from ffsm_mj.experiments.statistics import latest_interval
+from ffsm_mj.experiments.statistics import intervals
 from ffsm_mj.experiments.store import CRASHED, TIMEOUT, RunRow
 from ffsm_mj.experiments.worker import Job, PlannedRun, execute_runs, probe
 
@@ -77,10 +77,11 @@ class StoppingRule:
         if stop is None or power <= self._evaluated_at:
             return ""
         self._evaluated_at = power
-        interval = latest_interval(self._results(), stop.metric)
-        if interval is None or interval.width is None or interval.width > stop.width:
+        points = intervals(self._results(), stop.metric)
+        runs = max(points, default=0)
+        if not runs or (width := points[runs].width) is None or width > stop.width:
             return ""
-        return f"the 95 % interval of {stop.metric} is narrower than {stop.width:g} after {interval.runs} runs"
+        return f"the 95 % interval of {stop.metric} is narrower than {stop.width:g} after {runs} runs"
 
 
 _LOOK_S = 0.2

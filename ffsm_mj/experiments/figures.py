@@ -122,11 +122,11 @@ def _convergence(results: Results, shown_metrics: Sequence[str]) -> Figure:
         figure, panels = _grid(len(shown_metrics), 1.5)
         for axes, what in zip(panels, shown_metrics, strict=True):
             points = intervals(results, what)
-            runs = [point.runs for point in points]
-            low = [np.nan if point.low is None else point.low for point in points]
-            high = [np.nan if point.high is None else point.high for point in points]
+            runs = [*points]
+            low = [np.nan if point.low is None else point.low for point in points.values()]
+            high = [np.nan if point.high is None else point.high for point in points.values()]
             axes.fill_between(runs, low, high, color=BLUE, alpha=0.2, linewidth=0.0)
-            axes.plot(runs, [point.value for point in points], "o-", color=BLUE, markersize=3.0)
+            axes.plot(runs, [point.value for point in points.values()], "o-", color=BLUE, markersize=3.0)
             axes.set_xscale("log", base=2)
             axes.set_xticks(runs[:: -(-len(runs) // 5)], labels=[f"{tick}" for tick in runs[:: -(-len(runs) // 5)]])
             axes.set_xlabel("runs", fontsize=7.0)

@@ -203,7 +203,7 @@ def _quantile(values: FloatArray, share: float) -> str:
 
 def _convergence(results: Results) -> Iterator[str]:
     shown_metrics = [*([SUCCESS] if results.has_success else []), *results.metrics]
-    by_metric = {what: {interval.runs: interval for interval in intervals(results, what)} for what in shown_metrics}
+    by_metric = {what: intervals(results, what) for what in shown_metrics}
     by_metric = {what: by for what, by in by_metric.items() if by}
     counts = sorted({runs for by in by_metric.values() for runs in by})
     if not counts:

@@ -89,23 +89,26 @@ def mean_interval(values: FloatArray) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class Quantile:
-    """A quantile with a confidence interval between two order statistics.
+class Estimate:
+    """A quantile with a confidence interval between two order statistics, or a fraction with Wilson's.
 
     Attributes:
-        share: Probability of the quantile.
-        value: Order statistic that estimates it.
+        value: The estimate; of a quantile an order statistic.
         low: Lower end of the interval; None if there are too few values for a lower bound.
         high: Upper end of the interval; None if there are too few values for an upper bound.
     """
 
-    share: float
     value: float
     low: float | None
     high: float | None
 
+    @property
+    def width(self) -> float | None:
+        """Width of the interval; None if it is unbounded."""
+        return None if self.low is None or self.high is None else self.high - self.low
 
-def quantile(values: FloatArray, share: float) -> Quantile:
+
+def quantile(values: FloatArray, share: float) -> Estimate:
     """Estimate a quantile of the distribution of values.
 
     The number of values below the quantile is binomial for every distribution, so an interval ends at two of the values; an
@@ -119,7 +122,7 @@ def quantile(values: FloatArray, share: float) -> Quantile:
 
     ends = quantile_test(values, p=share).confidence_interval(CONFIDENCE)
     low, high = (None if math.isnan(end) else float(end) for end in ends)
-    return Quantile(share, float(np.quantile(values, share, method="inverted_cdf")), low, high)
+    return Estimate(float(np.quantile(values, share, method="inverted_cdf")), low, high)
 
 
 def values_for_bound(share: float, confidence: float) -> int:
@@ -139,57 +142,25 @@ def is_constant(values: FloatArray) -> bool:
 
 
 _FIRST = 8
+"""Intervals are estimated at 2^k runs from this number on: the interval of a median needs 6 values for both ends."""
 
 
-@dataclass(frozen=True)
-class IntervalAtRuns:
-    """Estimate from the first runs, with its confidence interval.
+def intervals(results: Results, what: str) -> dict[int, Estimate]:
+    """Fraction of good runs (``success``), or median of a metric, from the first 2^k runs, by their number.
 
-    Attributes:
-        runs: Number of runs.
-        value: Fraction of good runs, or median of a metric.
-        low: Lower end of the interval; None if unbounded.
-        high: Upper end of the interval; None if unbounded.
+    Numbers of runs at which none has the metric are left out.
     """
-
-    runs: int
-    value: float
-    low: float | None
-    high: float | None
-
-    @property
-    def width(self) -> float | None:
-        """Width of the interval; None if it is unbounded."""
-        return None if self.low is None or self.high is None else self.high - self.low
-
-
-def interval_at(results: Results, what: str, runs: int) -> IntervalAtRuns | None:
-    """Estimate of ``success`` or of the median of a metric from the first runs; None if none has the metric."""
-    rows = results.complete_part[:runs]
-    if what == SUCCESS:
-        share = Proportion(int(rows[GOOD].sum()), len(rows))
-        return IntervalAtRuns(runs, share.value, *share.interval)
-    values = finite(passed(rows), what)
-    if not len(values):
-        return None
-    median = quantile(values, 0.5)
-    return IntervalAtRuns(runs, median.value, median.low, median.high)
-
-
-def intervals(results: Results, what: str) -> list[IntervalAtRuns]:
-    """Estimates at all powers of 2 from 8 runs."""
-    counts = []
+    complete, points = results.complete_part, dict[int, Estimate]()
     runs = _FIRST
-    while runs <= len(results.complete_part):
-        counts.append(runs)
+    while runs <= len(complete):
+        rows = complete[:runs]
+        if what == SUCCESS:
+            share = Proportion(int(rows[GOOD].sum()), runs)
+            points[runs] = Estimate(share.value, *share.interval)
+        elif len(values := finite(passed(rows), what)):
+            points[runs] = quantile(values, 0.5)
         runs *= 2
-    return [point for runs in counts if (point := interval_at(results, what, runs)) is not None]
-
-
-def latest_interval(results: Results, what: str) -> IntervalAtRuns | None:
-    """Estimate at the largest power of 2 of complete runs; None below 8 runs, or if none has the metric."""
-    complete = len(results.complete_part)
-    return interval_at(results, what, 1 << (complete.bit_length() - 1)) if complete >= _FIRST else None
+    return points
 
 
 NO_SUCCESS = "no success"

@@ -12,10 +12,8 @@ from scipy.stats import sem, t
 
 from ffsm_mj.experiments.statistics import (
     Proportion,
-    interval_at,
     intervals,
     is_constant,
-    latest_interval,
     mean_interval,
     quantile,
     rank_correlation,
@@ -97,31 +95,32 @@ def test_what_is_constant():
 
 def test_convergence_looks_at_powers_of_two_of_the_first_runs():
     found = results([row(i, success=i % 4 != 0, y=float(i)) for i in range(40)])
-    assert [each.runs for each in intervals(found, "success")] == [8, 16, 32]
-    assert [each.value for each in intervals(found, "success")] == [0.75] * 3
-    assert interval_at(found, "success", 16).low == Proportion(12, 16).interval[0]
-    assert interval_at(found, "y", 16).value == 7.0
-    widths = [each.width for each in intervals(found, "success")]
+    shares = intervals(found, "success")
+    assert [*shares] == [8, 16, 32]
+    assert [each.value for each in shares.values()] == [0.75] * 3
+    assert shares[16].low == Proportion(12, 16).interval[0]
+    assert intervals(found, "y")[16].value == 7.0
+    widths = [each.width for each in shares.values()]
     assert widths == sorted(widths, reverse=True)
 
 
 def test_convergence_ends_before_a_run_that_is_not_made():
     """Which runs are made early is no chance: long ones come last."""
     found = results([row(i, success=True) for i in range(64) if i != 20], runs=64)
-    assert [each.runs for each in intervals(found, "success")] == [8, 16]
+    assert [*intervals(found, "success")] == [8, 16]
 
 
 def test_a_stop_is_evaluated_at_a_power_of_two_only():
     all_good = [row(i, success=True, y=1.0 * i) for i in range(64)]
-    found = [latest_interval(results(all_good[:made], runs=64), "success") for made in (64, 63, 8, 7)]
-    assert [each and each.runs for each in found] == [64, 32, 8, None]
-    assert latest_interval(results(all_good), "lacking") is None
+    found = [intervals(results(all_good[:made], runs=64), "success") for made in (64, 63, 8, 7)]
+    assert [max(each, default=None) for each in found] == [64, 32, 8, None]
+    assert intervals(results(all_good), "lacking") == {}
 
 
 def test_a_stop_sees_the_independent_runs_of_a_saltelli_design():
     """The first 2 n = 16 of 40 rows; 32 rows that are complete are no 32 independent runs."""
     rows = [row(i, success=True, x=float(i), y=float(i)) for i in range(40)]
-    assert latest_interval(results(rows, kind="saltelli", n=8), "success").runs == 16
+    assert max(intervals(results(rows, kind="saltelli", n=8), "success")) == 16
 
 
 def test_no_rank_correlation_of_a_few_runs():
