@@ -110,6 +110,7 @@ class UniformMagneticConfig(StrictModel):
     """Flux density in world axes, T."""
 
 
+MAGNETIC_KINDS = ("dipole", "uniform")
 MagneticConfig = Annotated[DipoleConfig | UniformMagneticConfig, Field(discriminator="kind")]
 
 

@@ -12,6 +12,7 @@ from typing import Any, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from ffsm_mj.errors import Fault, unknown_name
+from ffsm_mj.fields.config import MAGNETIC_KINDS
 from ffsm_mj.scenario.env_config import ACTION_KINDS
 from ffsm_mj.scenario.source import element_name
 from ffsm_mj.yaml import KeyPath
@@ -188,11 +189,11 @@ def _fit(errors: list[Any]) -> tuple[int, bool, int]:
 
 def _file_path(location: KeyPath, names: KindNames) -> KeyPath:
     """Keys of the file in a pydantic location, without union members and tags."""
-    known = {*names.controllers, *names.actuators, *names.estimators, *ACTION_KINDS}
+    known = {*names.controllers, *names.actuators, *names.estimators, *ACTION_KINDS, *MAGNETIC_KINDS}
     out: list[str | int] = []
     for i, part in enumerate(location):
         after_union = i > 0 and (
-            location[i - 1] in ("controller", "estimator")
+            location[i - 1] in ("controller", "estimator", "magnetic_field")
             or (len(out) >= 2 and out[-2] in ("actuators", "controllers", "actions"))
         )
         if isinstance(part, str) and ((after_union and part in known) or _is_union_member(part)):

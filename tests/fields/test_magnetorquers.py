@@ -17,6 +17,7 @@ from ffsm_mj.errors import InputError
 from ffsm_mj.fields.interface import StrictModel
 from ffsm_mj.log.scenario import compile_log
 from ffsm_mj.replay import replay_log
+from ffsm_mj.report.plots import figures
 from tests.contact_models.grasp.scenes import grasping
 from tests.fields.test_orbit import failing
 from tests.fields.test_sensors_in_orbit import DIPOLE, turn
@@ -100,6 +101,7 @@ def test_the_torque_is_m_x_B(tmp_path):
     again = torqued(tmp_path, (), robot=robot, spin=(0.1, 0.05, -0.08), phases=play)
     np.testing.assert_array_equal(again["state.q_robot_free_qx"], run["state.q_robot_free_qx"])
     assert independent(run)["field impulse"].passes
+    assert "inputs" in figures(run, ["inputs"])
     assert not external_actuators(compile_log(run.log)).any()  # entered as a field, and not again as an actuator
     key = "balance.field_on_robot_L_y_N_m_s"
     assert not independent(changed(run, key, lambda value: value + 1e-7 * run.time))["field impulse"].passes

@@ -16,7 +16,7 @@ from ffsm_mj.log.scenario import compile_log, logged_scenario
 from ffsm_mj.model.actuators import servo_mask
 from ffsm_mj.model.system import Joint
 from ffsm_mj.records.kinds import Mark, RecordKind
-from ffsm_mj.records.signals import identifier
+from ffsm_mj.records.signals import effort_key, identifier
 from ffsm_mj.report.plots.silhouette import Plane, Silhouette
 from ffsm_mj.report.plots.style import TIP_AFTER, TIP_BEFORE
 from ffsm_mj.report.plots.thinning import thinned
@@ -133,14 +133,16 @@ class Subject:
 
     @cached_property
     def actuators(self) -> dict[str, str]:
-        """Role of each actuator by name: ``thruster`` (a force on the base), ``wheel`` (a torque on it) or ``motor``."""
+        """Role by name: ``thruster`` (a force on the base), ``wheel`` (a torque on it), ``magnetorquer`` or ``motor``."""
         base = self.system.robot.base_dofs
         roles, servos = {}, servo_mask(self.system.mj)
         for i, name in enumerate(self.system.names("actuator")):
             joint = self._joint_of(i)
             force = f"actuators.{identifier(name)}_applied_N" in self.run.keys
             on_base = (joint is None and not servos[i]) or (joint is not None and base.start <= joint.dofs.start < base.stop)
-            if self._kinds.get(name) == "reaction_wheel" or (on_base and not force):
+            if self._kinds.get(name) == "magnetorquer":
+                roles[name] = "magnetorquer"
+            elif self._kinds.get(name) == "reaction_wheel" or (on_base and not force):
                 roles[name] = "wheel"
             else:
                 roles[name] = "thruster" if on_base else "motor"
@@ -152,10 +154,9 @@ class Subject:
 
     @property
     def base_actuated(self) -> bool:
-        """Whether any thruster or wheel was active."""
-        names = [*self.named("thruster"), *self.named("wheel")]
-        keys = [f"actuators.{identifier(name)}_applied_N" for name in names]
-        return any(np.any(self.run[k if k in self.run.keys else f"{k}_m"]) for k in keys)
+        """Whether any thruster, wheel or magnetorquer was active."""
+        names, layout = [name for name, role in self.actuators.items() if role != "motor"], self.run.log.header.layout
+        return any(np.any(self.run[effort_key(layout, name, "applied")]) for name in names)
 
     @cached_property
     def wheel_joints(self) -> list[Joint]:

@@ -137,7 +137,7 @@ def _effort(subject: Subject, name: str, what: str) -> tuple[FloatArray, str]:
 
 
 def inputs(subject: Subject) -> Figure:
-    """Thrusters and wheels on the base (paper, Fig. 16): a few thrusters as forces, many as bars."""
+    """Thrusters, wheels and magnetorquers (paper, Fig. 16): a few thrusters as forces, many as bars."""
     thrusters, wheels = subject.named("thruster"), subject.named("wheel")
     panels = []
     if len(thrusters) <= 3:
@@ -156,6 +156,10 @@ def inputs(subject: Subject) -> Figure:
     if wheels:
         lines = [Curve(short(n), _effort(subject, n, "applied")[0], width=0.9) for n in wheels]
         panels.append(Panel("wheel torque, N m", lines))
+    if coils := subject.named("magnetorquer"):
+        dipoles = [subject.run[f"actuators.{identifier(name)}_applied_A_m2"] for name in coils]
+        lines = [Curve(short(name), values, width=0.9) for name, values in zip(coils, dipoles, strict=True)]
+        panels.append(Panel("dipole, A m$^2$", lines))
     if subject.wheel_joints:
         panels.append(Panel("wheel speed, rad/s", [Curve(short(j.name), _rate(subject, j)) for j in subject.wheel_joints]))
     return stacked(subject.run, panels, height_in=1.4)
