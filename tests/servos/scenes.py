@@ -36,6 +36,14 @@ def link_scene(folder, controller, *, actuators=SERVO, model=None, others=None, 
     return scene(folder, model or link(actuators), others or {}, **{"initial": START, "phases": phases} | scenario)
 
 
+def playing(folder, setpoints):
+    """A law that plays constant setpoints by their names or columns; one alone is that of the servo."""
+    given = setpoints if isinstance(setpoints, dict) else {"robot/servo": setpoints}
+    values = ",".join(map(str, given.values()))
+    (folder / "setpoints.csv").write_text(f"time_s,{','.join(given)}\n0,{values}\n9,{values}\n")
+    return {"kind": "playback", "file": "setpoints.csv"}
+
+
 def steps(step_s):
     """Keys of a scenario with a time step and a control period."""
     return {"time_step_s": step_s, "control_period_s": step_s}

@@ -1,4 +1,4 @@
-"""Servos at a limit of their force: impacts, turned and boosted scenes, runs that go on, changed logs, bad setpoints."""
+"""Servos at a limit of their force: impacts, turned and boosted scenes, changed logs, a load pushed from outside."""
 
 from __future__ import annotations
 
@@ -8,13 +8,11 @@ import mujoco
 import numpy as np
 import pytest
 
-import ffsm_mj
 from ffsm_mj.cli.main import main
-from ffsm_mj.errors import ControllerError
 from tests.replays import assert_replayed
 from tests.scenes import ball
-from tests.servos.scenes import link, link_scene, run_link, steps
-from tests.servos.test_servos import ANGLE, CLAMPED, HOLD, RATE, NotANumber, passes
+from tests.servos.scenes import link, playing, run_link, steps
+from tests.servos.test_servos import ANGLE, CLAMPED, HOLD, RATE, passes
 from tests.verification.test_checks import written
 
 FORCE = "actuators.robot_servo_force_N_m"
@@ -66,26 +64,6 @@ def test_a_turned_and_boosted_scene_moves_alike(tmp_path):
     assert passes(other)
 
 
-def test_ten_times_and_half_the_step_say_the_same(tmp_path):
-    """The time grid cuts neither the impact nor the end of the limit."""
-    long, short = (hit(tmp_path, 0.6, step_s=step_s) for step_s in (1e-2, 5e-4))
-    assert long.impacts[0].time_s == pytest.approx(short.impacts[0].time_s, abs=1e-9)
-    np.testing.assert_allclose(
-        [long[key][-1] for key in (ANGLE, RATE)], [short[key][-1] for key in (ANGLE, RATE)], atol=1e-8
-    )
-    assert passes(long)
-    assert passes(short)
-
-
-def test_a_run_goes_on_at_the_limit(tmp_path):
-    """Bit for bit, from within the limit of 2.5 N m."""
-    path = link_scene(tmp_path, HOLD, actuators=CLAMPED, duration_s=0.4)
-    whole = ffsm_mj.run(path, out=tmp_path / "out", rerun=False)
-    rest = ffsm_mj.resume(tmp_path / "out", 0.1)
-    assert rest[FORCE][0] == 2.5 > rest[FORCE][-1]
-    np.testing.assert_array_equal(whole.log.rows[-len(rest.log.rows) :], rest.log.rows)
-
-
 @pytest.mark.parametrize("column", [FORCE, "actuators.robot_servo_unclamped_N_m"])
 def test_a_changed_force_in_a_log_is_found(tmp_path, capsys, column):
     run = run_link(tmp_path, HOLD, actuators=CLAMPED, duration_s=0.1)
@@ -96,39 +74,10 @@ def test_a_changed_force_in_a_log_is_found(tmp_path, capsys, column):
     assert f"in {column} at 0.050 s" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(("setpoint", "applied"), [(0.7, 0.6), (-5.0, -1.0), (0.3, 0.3)])
-def test_setpoints_end_at_their_range(tmp_path, setpoint, applied):
-    """The log has the command and what is in effect; the law sees the latter."""
-    (tmp_path / "setpoints.csv").write_text(f"time_s,actuators.robot_servo_applied_rad\n0,{setpoint}\n2,{setpoint}\n")
-    actuator = CLAMPED.replace("/>", ' ctrlrange="-1 0.6"/>')
-    law = {"kind": "playback", "file": "setpoints.csv"}
-    run = run_link(tmp_path, law, actuators=actuator, duration_s=0.01)
-    assert set(run["actuators.robot_servo_command_rad"]) == {setpoint}
-    assert set(run["actuators.robot_servo_applied_rad"]) == {applied}
-    assert run["actuators.robot_servo_unclamped_N_m"][0] == pytest.approx(8.0 * (applied - 0.2) + 0.6 * 0.3, abs=1e-14)
-
-
-class LateNotANumber(NotANumber):
-    """Commands a setpoint that is none from 0.05 s on."""
-
-    def control(self, observation, command):
-        command.set([0], np.nan if observation.time_s >= 0.05 else 0.7)
-
-
-def test_a_setpoint_that_is_none_leaves_a_log_to_read(tmp_path):
-    path = link_scene(tmp_path, {"kind": "none"}, actuators=CLAMPED)
-    with pytest.raises(ControllerError, match="non-finite setpoint for robot/servo"):
-        ffsm_mj.run(path, controllers={"none": LateNotANumber}, out=tmp_path / "out", rerun=False)
-    run = ffsm_mj.load_run(tmp_path / "out")
-    assert run.time[-1] >= 0.049
-    assert np.isfinite(run[FORCE]).all()
-
-
 def test_an_external_servo_pushes_what_the_robot_holds(tmp_path):
     """A load of 2 kg at the base's centre: (6 + 2) v' = kv (u - v) from rest."""
-    (tmp_path / "setpoints.csv").write_text("time_s,actuators.robot_servo_applied\n0,0.5\n2,0.5\n")
     grasp = {"robot_site": "port", "object_site": "centre", "when": {"within": {"position_m": 0.01}}}
-    law = {"kind": "playback", "file": "setpoints.csv"}
+    law = playing(tmp_path, 0.5)
     run = run_link(
         tmp_path,
         law,

@@ -1,4 +1,4 @@
-"""Controllers with several inputs: a setpoint each, closed forms, ranges, laws, replays, and motors without inputs."""
+"""Controllers with several inputs: a setpoint each, closed forms, ranges, laws, replays, restarts; motors without inputs."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from ffsm_mj.replay import replay_log
 from tests.laws import Law
 from tests.replays import assert_replayed
 from tests.scenario.test_scenario import faults
-from tests.servos.scenes import START, link, link_scene, run_link, steps
-from tests.servos.test_activations import ACTIVATION
+from tests.servos.scenes import START, link, link_scene, playing, run_link, steps
+from tests.servos.test_activations import ACTIVATION, CASES
 from tests.servos.test_servos import ANGLE, RATE, passes
 from tests.simulation.restored import goes_on, is_rest_of
 
@@ -25,18 +25,9 @@ SECOND = """<body name="two" pos="0 0.3 0"><joint name="k" axis="0 1 0"/>
   <inertial pos="0 0 0" mass="1" diaginertia="0.3 0.3 0.3"/><geom name="two" size="0.05" mass="0"/></body>"""
 
 
-def playing(folder, **setpoints):
-    """A law that plays constant setpoints by their columns."""
-    values = ",".join(f"{value}" for value in setpoints.values())
-    (folder / "setpoints.csv").write_text(f"time_s,{','.join(setpoints)}\n0,{values}\n9,{values}\n")
-    return {"kind": "playback", "file": "setpoints.csv"}
-
-
 def run_of(folder, actuators, given, duration_s, **scenario):
     initial = START | {"activations": {"servo": 0.0}}
-    return run_link(
-        folder, playing(folder, **given), actuators=actuators, initial=initial, duration_s=duration_s, **scenario
-    )
+    return run_link(folder, playing(folder, given), actuators=actuators, initial=initial, duration_s=duration_s, **scenario)
 
 
 @pytest.mark.parametrize(
@@ -61,21 +52,15 @@ def test_a_controller_of_angle_and_rate_moves_as_its_law_says(tmp_path, actuator
     assert_replayed(run)
 
 
-def test_the_rate_is_part_of_the_law(tmp_path):
-    """The control: with another setpoint of rate the link ends elsewhere."""
-    run = run_of(tmp_path, PID, {POSITION: 0.7, SPEED: 0.4}, 1.0)
-    assert abs(run[ANGLE][-1] - 0.763700284353) > 1e-3
-
-
 def test_the_feedforward_and_the_voltage_of_a_motor_are_torques(tmp_path):
     """Its controller delivers its torque exactly, and a voltage V gives K V / R on top: as a servo in torques does."""
     pid = '<pid name="servo" joint="j" kp="8" kv=".6" input="pos vel ff"/>'
     motor = '<dcmotor name="servo" joint="j" motorconst=".5" resistance="2" controller="8 0 .6" input="pos vel ff voltage"/>'
     given = {POSITION: 0.7, SPEED: 0.5, "actuators.robot_servo_ff_applied_N_m": 0.3}
-    law = playing(tmp_path, **given, **{"actuators.robot_servo_voltage_applied_V": 0.8})
+    law = playing(tmp_path, given | {"actuators.robot_servo_voltage_applied_V": 0.8})
     one = run_link(tmp_path, law, actuators=motor, duration_s=0.5)
     assert passes(one)
-    law = playing(tmp_path, **given | {"actuators.robot_servo_ff_applied_N_m": 0.3 + 0.5 * 0.8 / 2.0})
+    law = playing(tmp_path, given | {"actuators.robot_servo_ff_applied_N_m": 0.3 + 0.5 * 0.8 / 2.0})
     other = run_link(tmp_path, law, actuators=pid, duration_s=0.5)
     np.testing.assert_allclose(one[ANGLE], other[ANGLE], rtol=0.0, atol=1e-13)
     assert_replayed(one)
@@ -103,7 +88,7 @@ GIVEN = {
 def mixed(tmp_path_factory):
     """A run with two controllers of several inputs between motors, and its folder."""
     folder = tmp_path_factory.mktemp("mixed")
-    run = run_link(folder, playing(folder, **GIVEN), model=both(FIRST, OTHER), duration_s=0.3, initial={})
+    run = run_link(folder, playing(folder, GIVEN), model=both(FIRST, OTHER), duration_s=0.3, initial={})
     return run, folder
 
 
@@ -135,7 +120,7 @@ def test_controllers_and_motors_have_one_file(mixed):
 
 def test_a_file_has_its_controllers_in_any_order(mixed, tmp_path):
     """The motion is the same; without the places of the further inputs the commands would go elsewhere."""
-    other = run_link(tmp_path, playing(tmp_path, **GIVEN), model=both(OTHER, FIRST), duration_s=0.3, initial={})
+    other = run_link(tmp_path, playing(tmp_path, GIVEN), model=both(OTHER, FIRST), duration_s=0.3, initial={})
     for key in (ANGLE, RATE, "state.q_robot_k_rad", "balance.work_J"):
         np.testing.assert_allclose(other[key], mixed[0][key], rtol=0.0, atol=1e-13)
 
@@ -148,30 +133,6 @@ def test_a_changed_setpoint_in_a_log_is_found(mixed, column):
     assert not again.agrees or again.obstacle
 
 
-def test_ten_times_and_half_the_step_say_the_same(mixed, tmp_path):
-    model, law = both(FIRST, OTHER), playing(tmp_path, **GIVEN)
-    for step_s in (1e-2, 5e-4):
-        run = run_link(tmp_path, law, model=model, duration_s=0.3, initial={}, **steps(step_s))
-        assert passes(run)
-        # The error of a step is within what the checks allow, 1e-9 of the energy; motions differ by its root at most.
-        np.testing.assert_allclose(
-            [run[key][-1] for key in (ANGLE, RATE)], [mixed[0][key][-1] for key in (ANGLE, RATE)], atol=1e-8
-        )
-
-
-def test_a_run_goes_on_from_its_setpoints(tmp_path):
-    """From bytes in the middle of the ramp of a setpoint, with a law that commands nothing any more."""
-    model = both(FIRST, OTHER)
-    phases = [
-        {"name": "go", "for_s": 0.05, "controller": playing(tmp_path, **GIVEN)},
-        {"name": "off", "until": "end", "controller": {"kind": "off"}},
-    ]
-    path = link_scene(tmp_path, {}, model=model, phases=phases, duration_s=0.25, initial={})
-    whole, continued = goes_on(path, at_s=0.1)
-    assert is_rest_of(whole, continued)
-    assert whole["rows"].shape[0] > 200
-
-
 class NotANumber(Law):
     """Commands a rate that is none from 0.05 s on."""
 
@@ -180,12 +141,6 @@ class NotANumber(Law):
 
     def control(self, observation, command):
         command.set([self._rate], np.nan if observation.time_s >= 0.05 else 0.1)
-
-
-def test_a_setpoint_that_is_no_number_is_named(tmp_path):
-    path = link_scene(tmp_path, {"kind": "none"}, actuators=PID)
-    with pytest.raises(ControllerError, match=r"non-finite setpoint for robot/servo\.vel"):
-        ffsm_mj.run(path, controllers={"none": NotANumber})
 
 
 @pytest.mark.parametrize(
@@ -243,7 +198,7 @@ def test_the_name_of_an_input_is_free(tmp_path, other, message):
 def test_names_in_a_scenario_are_those_of_inputs(tmp_path):
     """Delays are those of the controller unless stated; ``kind: torque`` is of the controller, and is told."""
     model = both(FIRST, OTHER).replace('name="other"', 'name="other" delay=".004" nsample="9"')
-    path = link_scene(tmp_path, playing(tmp_path, **GIVEN), model=model, initial={}, duration_s=0.01)
+    path = link_scene(tmp_path, playing(tmp_path, GIVEN), model=model, initial={}, duration_s=0.01)
     run = ffsm_mj.run(path, {"actuators": {"one": {"kind": "ideal", "delay_s": 0.002}}})
     for name, delay_s in (("turn_applied_N_m", 0.0), ("one_vel_applied_rad_s", 0.002), ("other_ff_applied_N_m", 0.004)):
         assert run.time[np.flatnonzero(run[f"actuators.robot_{name}"])[0]] == pytest.approx(delay_s), name
@@ -252,3 +207,28 @@ def test_names_in_a_scenario_are_those_of_inputs(tmp_path):
     path = link_scene(tmp_path, {"kind": "off"}, model=model, initial={})
     motor = prepare(path, {"actuators": {"one": {"kind": "torque"}}}).system
     assert motor.names("actuator") == ("robot/push", "robot/one", "robot/turn", "robot/other", "robot/other.ff")
+
+
+def test_a_setpoint_that_is_no_number_is_named(tmp_path):
+    """The log up to it can be read."""
+    path = link_scene(tmp_path, {"kind": "none"}, actuators=PID)
+    with pytest.raises(ControllerError, match=r"non-finite setpoint for robot/servo\.vel"):
+        ffsm_mj.run(path, controllers={"none": NotANumber}, out=tmp_path / "out", rerun=False)
+    run = ffsm_mj.load_run(tmp_path / "out")
+    assert run.time[-1] >= 0.049
+    assert np.isfinite(run["actuators.robot_servo_force_N_m"]).all()
+
+
+@pytest.mark.long(one_of=4)
+@pytest.mark.parametrize("what", [what for what in CASES if what != "motor without inductance"] + ["of two controllers"])
+def test_a_run_goes_on_from_activations_and_setpoints(tmp_path, what):
+    """From bytes, bit by bit, in every kind of activation; of setpoints in mid-ramp, which no law commands any more."""
+    if what in CASES:
+        path = link_scene(tmp_path, playing(tmp_path, 0.7), actuators=CASES[what][0], duration_s=0.1)
+    else:
+        phases = [
+            {"name": "go", "for_s": 0.05, "controller": playing(tmp_path, GIVEN)},
+            {"name": "off", "until": "end", "controller": {"kind": "off"}},
+        ]
+        path = link_scene(tmp_path, {}, model=both(FIRST, OTHER), phases=phases, duration_s=0.2, initial={})
+    assert is_rest_of(*goes_on(path, at_s=0.1 if what not in CASES else 0.05))

@@ -1,13 +1,14 @@
-"""Servos on every transmission: work and momentum balance, replay, and closed forms of those that act from outside."""
+"""Servos on every transmission: balance of work and momentum, replay, closed forms of outside ones and a vendor hand."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from ffsm_mj.dynamics.actuators import ExternalServos
 from tests.replays import assert_replayed
-from tests.servos.scenes import link, run_link, steps
+from tests.scenario.test_scenario import faults
+from tests.scenes import HEAD
+from tests.servos.scenes import link, link_scene, playing, run_link, steps
 from tests.servos.test_servos import HOLD, RATE, passes
 
 BALL = """<body name="hand" pos="0.2 0.1 0.05"><joint name="wrist" type="ball"/>
@@ -15,12 +16,6 @@ BALL = """<body name="hand" pos="0.2 0.1 0.05"><joint name="wrist" type="ball"/>
   <site name="tip" pos="0.1 0 0.02" euler="20 10 30"/></body>"""
 MASS = 6.0
 OUTSIDE = '<velocity name="servo" site="port" kv="2" gear="1 0 0 0 0 0"/>'
-
-
-def law(setpoint, folder):
-    """Plays a constant setpoint."""
-    (folder / "setpoints.csv").write_text(f"time_s,actuators.robot_servo_applied\n0,{setpoint}\n9,{setpoint}\n")
-    return {"kind": "playback", "file": "setpoints.csv"}
 
 
 @pytest.mark.long(one_of=3)
@@ -43,7 +38,7 @@ def test_work_and_momenta_are_balanced(tmp_path, actuator):
     rates = {"free": [0.1, -0.05, 0.02, 0.3, -0.2, 0.1], "j": 0.4, "wrist": [0.5, -0.3, 0.2]}
     initial = {"joints": {"j": 0.2, "wrist": [0.8, 0.2, -0.4, 0.4]}, "rates": rates}
     model = link(actuator, link_body=BALL)
-    run = run_link(tmp_path, law(0.4, tmp_path), model=model, initial=initial, duration_s=0.5, **steps(2e-3))
+    run = run_link(tmp_path, playing(tmp_path, 0.4), model=model, initial=initial, duration_s=0.5, **steps(2e-3))
     assert passes(run), [check for check in run.checks() if not check.passes]
     momenta = np.stack([run[f"momentum.robot_{name}_{at}"] for name, at in _COMPONENTS], axis=1)
     external = np.stack([run[f"balance.external_{name}_{at}"] for name, at in _COMPONENTS], axis=1)
@@ -79,7 +74,7 @@ def test_a_servo_from_outside_moves_the_whole(tmp_path):
     """By m v' = kv (u - v) from rest, of order four; the impulse is m v, the work what the kinetic energy gains."""
     errors = []
     for step_s in (8e-3, 4e-3):
-        run = run_link(tmp_path, law(0.5, tmp_path), actuators=OUTSIDE, initial={}, duration_s=0.8, **steps(step_s))
+        run = run_link(tmp_path, playing(tmp_path, 0.5), actuators=OUTSIDE, initial={}, duration_s=0.8, **steps(step_s))
         speed = 0.5 * (1.0 - np.exp(-2.0 * run["state.time_s"] / MASS))
         errors.append(np.abs(run["state.v_robot_free_vx_m_s"] - speed).max())
         np.testing.assert_allclose(run["balance.external_P_x_N_s"], MASS * speed, rtol=0.0, atol=1e-10)
@@ -116,8 +111,58 @@ def test_a_law_of_joints_ignores_a_servo_from_outside(tmp_path):
     assert passes(run)
 
 
-def test_the_impulse_of_a_servo_from_outside_is_checked(tmp_path, monkeypatch):
-    """The control: an impulse entered twice fails the momentum balance."""
-    wrench = ExternalServos._wrench
-    monkeypatch.setattr(ExternalServos, "_wrench", lambda self, servo: 2.0 * wrench(self, servo))
-    assert not passes(run_link(tmp_path, law(0.5, tmp_path), actuators=OUTSIDE, initial={}, duration_s=0.1))
+KP, KV, DAMPING, OPEN = 100.0, 10.0, 1.0, 0.04
+_FINGERS = "".join(
+    f"""<body name="{name}_finger" pos="0 0 0.0584" quat="{turn}"><inertial mass="0.015" pos="0 0 0"
+    diaginertia="2.375e-6 2.375e-6 7.5e-7"/><joint name="{name}" armature="0.1" damping="{DAMPING}" axis="0 1 0" type="slide"
+    range="0 0.04"/></body>"""
+    for name, turn in (("left", "1 0 0 0"), ("right", "0 0 0 1"))
+)
+HAND = f"""<mujoco>{HEAD}<worldbody><body name="bus"><freejoint name="free"/>
+  <inertial pos="0 0 0" mass="20" diaginertia="2 2 2"/><geom size="0.1" mass="0"/>
+  <body name="hand" pos="0.1 0 0" quat="0 0 0 1"><inertial mass="0.73" pos="-0.01 0 0.03" diaginertia="0.001 0.0025 0.0017"/>
+  {_FINGERS}</body></body></worldbody>
+  <tendon><fixed name="split"><joint joint="left" coef="0.5"/><joint joint="right" coef="0.5"/></fixed></tendon>
+  <equality><joint joint1="left" joint2="right"/></equality>
+  <actuator><general name="hand" tendon="split" ctrlrange="0 255" forcerange="-100 100" gainprm="0.01568627451"
+  biastype="affine" biasprm="0 -{KP} -{KV}"/></actuator></mujoco>"""
+FINGER, SPEED = "state.q_robot_left_m", "state.v_robot_left_m_s"
+WORK, HEAT = "balance.work_J", "balance.total_damper_heat_J"
+AT_END = {FINGER: 0.002345231911, SPEED: -0.024413873141, WORK: 0.013344619293, HEAT: 0.013276075014}
+"""At 0.3 s by the closed form of .115 q'' = -(kp q + kv q') / 2 - q' from 0.04 m, with the setpoint 0."""
+
+
+def closing(folder, step_s):
+    """The hand closes from its widest."""
+    law = playing(folder, {"robot/hand": 0.0})
+    start = {"joints": {"left": OPEN, "right": OPEN}}
+    return run_link(folder, law, model=HAND, initial=start, duration_s=0.3, **steps(step_s))
+
+
+@pytest.mark.parametrize("step_s", [2e-3, 1e-3])
+def test_a_hand_closes_as_its_law_says(tmp_path, step_s):
+    """Work and heat of the dampers too; the bus feels nothing, and the coupling carries nothing.
+
+    Steps are divided such that errors of the energy add up to 5e-10 J at most, half of what the checks allow at 1 J.
+    """
+    run = closing(tmp_path, step_s)
+    for key, expected in AT_END.items():
+        assert run[key][-1] == pytest.approx(expected, abs=5e-10), key
+    np.testing.assert_allclose(run["state.q_robot_right_m"], run[FINGER], rtol=0.0, atol=1e-14)
+    assert np.abs(run["state.v_robot_free_vx_m_s"]).max() < 1e-14
+    assert passes(run)
+    assert_replayed(run)
+
+
+def test_a_gripper_commands_the_servo_of_its_tendon(tmp_path):
+    """Both fingers open by its setpoint, k l / gain; what the servo cannot do is refused."""
+    law = {"kind": "gripper", "joints": ["left", "right"], "action": "open", "closed_at": 0.0, "open_at": 0.03}
+    run = run_link(tmp_path, law, model=HAND, initial={"joints": {"left": 0.01, "right": 0.01}}, duration_s=2.0)
+    np.testing.assert_allclose(run["actuators.robot_hand_applied"], KP * 0.03 / 0.01568627451, rtol=1e-14)
+    assert run[FINGER][-1] == pytest.approx(0.03, abs=1e-4)
+    assert run["state.q_robot_right_m"][-1] == pytest.approx(run[FINGER][-1], abs=1e-12)
+    assert passes(run)
+    assert_replayed(run)
+    for wrong, message in (({"force_N": 3.0}, "a servo presses as its model file says"), ({"open_at": 0.0401}, "beyond")):
+        found = faults(path=link_scene(tmp_path, law | wrong, model=HAND, initial={}))
+        assert any(message in fault for fault in found), found
