@@ -14,8 +14,10 @@ from ffsm_mj.contact_models.persistent.force_check import _direction
 from ffsm_mj.contact_models.persistent.friction.modes import SLIDE, STICK, FrictionModes, slipping_points
 from ffsm_mj.contact_models.persistent.friction.problem import slip_directions
 from ffsm_mj.replay import replay_log
-from tests.contact_models.persistent.test_friction_seen import on_floor
+from ffsm_mj.tolerances import CLOSED_RATE, RATE
+from tests.contact_models.persistent.test_friction_seen import BODY, FLOOR, on_floor
 from tests.replays import proved
+from tests.scenes import scene
 
 
 @pytest.fixture(scope="module")
@@ -79,6 +81,46 @@ def test_a_point_stops_with_another_one_that_stops_but_not_with_one_without_fric
     slips = np.array([50.0 * before.stop_speeds[0], 0.0])
     found = slipping_points(slips, before.sliding, before.stop_speeds, np.full(2, 1e-13), none, before.drifts, struck=False)
     assert found[0] == slides
+
+
+@pytest.mark.parametrize(("largest_m_s", "bound_m_s"), [(1e-3, CLOSED_RATE), (20.0, 4e-6)])
+def test_sticking_points_slip_beyond_the_drift_of_a_step_and_twice_what_stops_together(largest_m_s, bound_m_s):
+    """Corners of a block that stops from 20 m/s stop at 2e-8 m/s, others within 100 times that with them: 2e-6 m/s."""
+    at_rest, none = np.full(1, RATE), np.array([False])
+    for share, slips in ((0.9, False), (1.1, True)):
+        slip = np.array([share * bound_m_s])
+        assert slipping_points(slip, none, np.array([1e-9 * largest_m_s]), at_rest, none, ~none, struck=False) == slips
+        assert slipping_points(slip, none, np.array([1e-9 * largest_m_s]), at_rest, none, none, struck=False)
+
+
+@pytest.mark.parametrize("width", [0.9, 0.6])
+def test_a_point_that_rolls_in_long_steps_does_not_slip_while_another_one_slides(tmp_path, width):
+    """Of two rolls, steps of 20 ms leave slips up to 1e-10 m/s, and above: truncation, projected out at the next step."""
+    option = '<option gravity="0 0 -10"/>'
+    roll = BODY.format(gravity=option, geom=f'type="ellipsoid" size="1 {width} 0.95"').replace('name="body"', 'name="roll"')
+    path = scene(
+        tmp_path,
+        BODY.format(gravity=option, geom='type="box" size="1 1 0.5"'),
+        {"floor": FLOOR.format(gravity=option), "roll": roll},
+        fixed={"floor": {"position_m": [0.0, 0.0, -1.0]}},
+        conservative=False,
+        initial={
+            "joints": {"robot/free": [0, 0, 0.5, 1, 0, 0, 0], "roll/free": [0, 8, 0.95, 1, 0, 0, 0]},
+            "rates": {"robot/free": [8, 0, 0, 0, 0, 0], "roll/free": [0, -1.9, 0, 2, 0, 0.3]},
+        },
+        contacts={
+            "rules": [
+                {"between": ["robot", "floor"], "restitution": 0.0, "mu": 0.2},
+                {"between": ["roll", "floor"], "restitution": 0.0, "mu": 3.0},
+            ]
+        },
+        duration_s=0.4,
+        time_step_s=2e-2,
+        control_period_s=2e-2,
+    )
+    run = ffsm_mj.run(path, check=False)
+    assert run.outcome == "completed"
+    assert "contact_slips" not in {name for name, records in run.records.items() if records}
 
 
 @pytest.mark.parametrize("pinned", [True, False])
