@@ -41,7 +41,7 @@ cdef class Latch:
         self.on_first, self.on_second = first, second = chain(model, self.first), chain(model, self.second)
         # A degree of freedom that carries both bodies changes no relative motion: its elements cancel exactly, and are left
         # zero.
-        moves = (first != second) | ((second != 0.0) & (not self.together))
+        moves = first != second
         self.of_first, self.of_second, self.dofs = (np.flatnonzero(flags) for flags in (first, second, moves))
         self.point_in_first, self.point_in_second = latch.point_in_first.copy(), latch.point_in_second.copy()
         # A length makes velocities of rotations, so that one share decides on the rank of both.

@@ -166,7 +166,10 @@ class Latch:
         return ratio <= 1.0 or (ratio < 2.0 and ratio <= 1.0 + self.ratio(self.sites.rounding(self._data)))
 
     def was_clear(self, longest_s: float) -> bool:
-        """Whether its bounds were certainly violated throughout the last step, of at most ``longest_s``."""
+        """Whether its bounds hold neither at the end of the last step, of at most ``longest_s``, nor seem to inside it.
+
+        A value between the ends is bounded by the relative speeds there; see :meth:`.Bounds.may_dip` for what is assumed.
+        """
         # Without bounds nothing closes inside a step; without a start it was not watched in this one.
         if self._bounds is None or self._step_start is None:
             return True

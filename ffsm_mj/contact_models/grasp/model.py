@@ -283,7 +283,7 @@ class GraspModel(EventSource, Replayable):
         return reached[0] if reached else None
 
     def is_clear(self) -> bool:
-        """Whether the bounds of every armed grasp were certainly violated throughout the last step, and no limit reached."""
+        """Whether the last step is taken to close no armed grasp and to reach no load limit; see the latches."""
         clear = [latch.was_clear(self._step_s) for latch in self._watching]  # every latch must record the end of the step
         return all(clear + [latch.limit.was_clear() for latch in self._limited if latch.limit is not None])
 

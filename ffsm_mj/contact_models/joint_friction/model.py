@@ -58,9 +58,9 @@ _BEYOND = 1e-14
 """A friction that exceeds its limit by this share has reached it: some roundings."""
 _IDLE = 2.0
 """State in the log of a joint that sticks and whose friction is idle, as contacts block it."""
-_NEAR_LIMIT = 1e-3
+_NEAR_LIMIT = MODE_STEP**2 / 8.0
 """Where less than this share of a limit is left at the end of a step, its middle is looked at too: a load that swings with a
-frequency w exceeds that at both ends by (w h)^2 / 8 in between, 3e-4 for the fastest mode of a step."""
+frequency w exceeds that at both ends by the share (h w)^2 / 8 in between, of the fastest mode of a step by this."""
 _BRIEF_S = 100.0 * INSTANT_S
 """A joint that its friction stops within this is at rest where a step begins: the energy that it has left becomes heat at
 once. The stop of a joint with an absurd friction, at 1e10 m/s^2, cannot be resolved by times that are rounded to 1e-16 s."""

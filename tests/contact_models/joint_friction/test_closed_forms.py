@@ -86,6 +86,15 @@ def test_it_breaks_away_where_the_load_reaches_the_limit(tmp_path, step_s):
     assert heat(made)[-1] == pytest.approx(0.1575, abs=1e-14)
 
 
+def test_it_breaks_away_at_a_peak_inside_a_step(tmp_path):
+    """1.005 N sin w t against 1 N with its peak in the middle of a step of h w = 0.29: 0.9948 N at both ends of it."""
+    rate = math.pi / 0.11
+    swing = [{"kind": "drive", "joint": "s", "amplitude": 1.005, "rate_rad_s": rate}]
+    made = run(tmp_path, slider(1.0), 0.01, duration_s=0.06, contact_models=swing)
+    (_, time_s, *senses), *_ = changes(made)
+    assert (time_s, *senses) == (pytest.approx(math.asin(1.0 / 1.005) / rate, abs=ROUNDING), 0, 1)
+
+
 def test_a_limit_returns_it_into_the_friction(tmp_path):
     joint = 'range="-9 0.2" limited="true"'
     made = run(tmp_path, slider(3.0, joint), initial={"rates": {"s": 1.2}}, joint_limits={"s": {"restitution": 0.5}})
