@@ -1,7 +1,7 @@
-"""What imports what: the floors of ``pyproject.toml`` hold in the compiled core too, no circles, nothing imported by name.
+"""What imports what: the layers of ``pyproject.toml`` hold in the compiled core too, no circles, nothing imported by name.
 
-import-linter reads ``.py`` files. Here ``.pyx`` and ``.pxd`` count as well, and the stubs. A module of the core stands on
-the floor of the room that it is compiled for, so that it may call this room back.
+import-linter reads ``.py`` files. Here ``.pyx`` and ``.pxd`` count as well, and the stubs. A module of the core is in
+the layer of the package that it is compiled for, so that it may call this package back.
 """
 
 from __future__ import annotations
@@ -91,8 +91,8 @@ def imports() -> Mapping[tuple[str, str], bool]:
     return found
 
 
-def room(module: str) -> str:
-    """The room of ``ffsm_mj`` that a module is in; a module of the core is in the room that it is compiled for."""
+def package(module: str) -> str:
+    """The package of ``ffsm_mj`` that a module is in; one of the core is in the package that it is compiled for."""
     if module.startswith(CORE):
         return HOME.get(module.removeprefix(CORE), "_core")
     first, _, rest = module.partition(".")
@@ -100,12 +100,12 @@ def room(module: str) -> str:
 
 
 @cache
-def floors() -> Mapping[str, float]:
-    """Height of each room, from the layers of import-linter; control laws stand just above what they may see."""
+def heights() -> Mapping[str, float]:
+    """Height of each package, from the layers of import-linter; control laws stand just above what they may see."""
     contracts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]["contracts"]
     layers = next(each["layers"] for each in contracts if each["type"] == "layers")
-    heights = {name.strip(): k for k, layer in enumerate(reversed(layers)) for name in layer.split("|")}
-    return {**heights, "ffsm_controllers": heights["task_model"] + 0.5}
+    of_layers = {name.strip(): k for k, layer in enumerate(reversed(layers)) for name in layer.split("|")}
+    return {**of_layers, "ffsm_controllers": of_layers["task_model"] + 0.5}
 
 
 def circles(pairs: Iterable[tuple[str, str]]) -> list[set[str]]:
@@ -135,9 +135,11 @@ def test_a_circle_is_found():
 
 
 def test_imports_go_down_in_the_core_too():
-    """The same or a lower floor for a room's own modules, a lower one for all others."""
-    rooms = ((first, second, room(first), room(second)) for first, second in imports() if "ffsm_mj" not in (first, second))
-    up = {(first, second) for first, second, a, b in rooms if a != b and not floors()[b] < floors()[a]}
+    """Modules import their own package, and packages of lower layers."""
+    pairs = (
+        (first, second, package(first), package(second)) for first, second in imports() if "ffsm_mj" not in (first, second)
+    )
+    up = {(first, second) for first, second, a, b in pairs if a != b and not heights()[b] < heights()[a]}
     assert up == set()
 
 
@@ -146,14 +148,16 @@ def test_what_is_said_of_the_core_is_needed():
     names = {module.removeprefix(CORE) for module in chain(*imports()) if module.startswith(CORE)}
     assert set(HOME) <= names
     users = {
-        first.removeprefix(CORE) for first, second in imports() if first.startswith(CORE) and room(second) in HOME.values()
+        first.removeprefix(CORE)
+        for first, second in imports()
+        if first.startswith(CORE) and package(second) in HOME.values()
     }
     assert set(HOME) <= users
 
 
-def test_no_circle_of_rooms():
-    rooms = {(room(first), room(second)) for first, second in imports()}
-    assert circles((a, b) for a, b in rooms if a != b) == []
+def test_no_circle_of_packages():
+    packages = {(package(first), package(second)) for first, second in imports()}
+    assert circles((a, b) for a, b in packages if a != b) == []
 
 
 def test_no_circle_of_modules():

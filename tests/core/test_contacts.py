@@ -276,7 +276,7 @@ def test_sums_of_stages(resting, rng):
     exchange = sums.exchange(signs, outside, robot)
     own = sums.work[robot].sum()
     for found, expected in zip(
-        exchange, ((sums.total, own, sums.total - own), signs @ sums.impulses, outside @ sums.impulses), strict=True
+        exchange[:3], ((sums.total, own, sums.total - own), signs @ sums.impulses, outside @ sums.impulses), strict=True
     ):
         agree(found, np.array(expected))
 
