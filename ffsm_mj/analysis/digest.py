@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ffsm_mj.analysis.intervals import ContactIntervals, GraspIntervals, contact_records, grasp_records
+from ffsm_mj.analysis.intervals import ContactIntervals, GraspIntervals
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.log.recorder import Sink
 from ffsm_mj.records.events import Event
@@ -94,10 +94,9 @@ def digest(log: RunLog) -> Digest:
     """Digest the rows of a log."""
     content = Digest()
     content.open(log.header)
-    for record in contact_records(log):
-        content.contacts.event(record)
-    for grasp in grasp_records(log):
-        content.grasps.event(grasp)
+    for event in log.events:
+        content.contacts.event(event)
+        content.grasps.event(event)
     content.kept.expect(record.time_s for record in log.impact_records)
     for block in log.blocks():
         content.rows(block)

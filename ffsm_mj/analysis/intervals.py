@@ -4,17 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.grasp.records import GRASP, RELEASE, GraspRecord, ReleaseRecord
+from ffsm_mj.contact_models.grasp.records import GraspRecord, ReleaseRecord
 from ffsm_mj.contact_models.persistent.record import (
-    CONTACT_BEGINS,
-    CONTACT_CHANGES,
-    CONTACT_ENDS,
-    FRICTION_KINDS,
     ContactBegins,
     ContactEnds,
     ContactRecord,
@@ -22,7 +17,6 @@ from ffsm_mj.contact_models.persistent.record import (
 from ffsm_mj.records.events import Event
 from ffsm_mj.records.load_columns import load_columns_of
 from ffsm_mj.records.record import Values, declared, record
-from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import Layout, identifier
 
 
@@ -193,13 +187,6 @@ class ContactIntervals:
         return tuple(spell.interval() for spell in self._spells if spell.end_s > spell.start_s)
 
 
-def contact_records(log: RunLog) -> list[Any]:
-    """Records of persistent contact in a log, in order."""
-    kinds = (CONTACT_BEGINS, CONTACT_CHANGES, CONTACT_ENDS, *FRICTION_KINDS)
-    records = [record for kind in kinds for record in log.records.get(kind.plural, ())]
-    return sorted(records, key=lambda record: record.event)
-
-
 @record
 class GraspInterval:
     """Interval in which an object was grasped."""
@@ -289,9 +276,3 @@ class GraspIntervals:
     def intervals(self) -> tuple[GraspInterval, ...]:
         """All intervals so far, in order."""
         return tuple(spell.interval() for spell in self._spells)
-
-
-def grasp_records(log: RunLog) -> list[GraspRecord | ReleaseRecord]:
-    """Captures and releases in a log, in order."""
-    records = [record for kind in (GRASP, RELEASE) for record in log.records.get(kind.plural, ())]
-    return sorted(records, key=lambda record: (record.time_s, isinstance(record, GraspRecord)))

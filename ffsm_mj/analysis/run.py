@@ -81,7 +81,7 @@ class ModelResults:
             return {"effort": None, "base_rotation": None, "angular_momentum": None}
         for block in self._log.blocks():
             computed.rows(block)
-        for event in self._log.events():
+        for event in self._log.events:
             computed.event(event)
         return computed.summary()
 

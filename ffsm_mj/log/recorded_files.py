@@ -7,7 +7,6 @@ import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from ffsm_mj.errors import InputError, LogError, described, working_on
 from ffsm_mj.log import limits
@@ -212,8 +211,7 @@ def _ticks(log: RunLog, keys: Sequence[str]) -> Iterator[_Instant]:
 def _events(log: RunLog, keys: Sequence[str]) -> Iterator[_Instant]:
     """Efforts after events."""
     column = {key.removeprefix(_GROUP).rpartition(_APPLIED)[0]: i for i, key in enumerate(keys)}
-    records: list[Any] = log.events()
-    for record in records:
+    for record in log.events:
         if changed := getattr(record, "efforts_after", None):
             efforts = [0.0] * len(keys)
             for name, (effort,) in changed.items():

@@ -12,7 +12,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.records.events import Event, OutcomeRecord
-from ffsm_mj.records.run_log import Rows, RunHeader, RunLog, run_log
+from ffsm_mj.records.run_log import Rows, RunHeader, RunLog
 from ffsm_mj.records.signals import TIME, Layout
 
 RECORDED_ROWS = 1000
@@ -187,7 +187,7 @@ class MemorySink(Sink):
             raise ValueError("no run was recorded")
         if rows is None:
             rows = np.concatenate((np.empty((0, len(self.header.layout.signals))), *self.blocks))
-        return run_log(self.header, rows, self.events, self.outcome)
+        return RunLog(self.header, rows, tuple(self.events), self.outcome)
 
 
 class EventTap(Sink):

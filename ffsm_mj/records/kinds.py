@@ -88,9 +88,8 @@ class RecordKind:
         state: State from the event on, in a word, for a track of states; None for none.
         warning: Whether to show it as a warning.
         in_every_run: Whether every log has its topic; otherwise those whose header names it.
-        numbered_alone: Whether its events are numbered by themselves, not with those of the other contact models.
-        event_group: Name of a group of kinds, of one contact model, whose records with one number are one event; empty: the
-            kind alone.
+        series: Name of the count of its events; empty for the one that contact models share. Records with one number of a
+            series are one event.
     """
 
     record: type
@@ -106,8 +105,7 @@ class RecordKind:
     state: Callable[[Any], str] | None = None
     warning: Callable[[Any], bool] = _never
     in_every_run: bool = False
-    numbered_alone: bool = False
-    event_group: str = ""
+    series: str = ""
 
     @property
     def topic(self) -> str:

@@ -70,5 +70,5 @@ EFFORT_CHANGE = RecordKind(
     when="when efforts change between control ticks",
     sentence=lambda record: record.cause,
     summarised=False,
-    numbered_alone=True,
+    series="effort_change",
 )

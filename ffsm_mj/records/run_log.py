@@ -1,17 +1,16 @@
-"""Complete data of a run, from memory or from its log: header, rows and events, and the order of events at one instant."""
+"""Complete data of a run, from memory or from its log: header, rows and events."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields
-from itertools import product
-from typing import Any, Protocol, TypeVar, runtime_checkable
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.cached_property import cached_property
-from ffsm_mj.records.events import Event, ImpactRecord, OutcomeRecord, PhaseRecord, UnhandledContactRecord
+from ffsm_mj.records.events import ImpactRecord, OutcomeRecord, PhaseRecord, UnhandledContactRecord
 from ffsm_mj.records.kinds import Mark, RecordKind, kind_of, kinds_of
 from ffsm_mj.records.signals import Layout
 from ffsm_mj.yaml import write_yaml
@@ -77,7 +76,7 @@ class RunLog:
     Attributes:
         header: Names, scenario, files.
         rows: One row per control tick, (n, number of signals): an array, or read from disk on demand.
-        records: Event records in order, by the plural of each kind that the run may have: ``impacts``, ``phases``, ...
+        events: Event records of all kinds, in the order in which they were written: that in which they happened.
         outcome: How the run ended; None if the log is incomplete.
         damage: What of the log could not be read, as text; empty if it is intact up to its end.
         note: What of the log was skipped because its schema is unknown, as text; empty if nothing was.
@@ -88,11 +87,23 @@ class RunLog:
 
     header: RunHeader
     rows: Rows
-    records: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)
+    events: tuple[Any, ...] = ()
     outcome: OutcomeRecord | None = None
     damage: str = ""
     note: str = ""
     lost: tuple[tuple[float, float], ...] = ()
+
+    @cached_property
+    def records(self) -> Mapping[str, tuple[Any, ...]]:
+        """Event records in order, by the plural of each kind that the run may have: ``impacts``, ``phases``, ...
+
+        Raises:
+            KeyError: An event is of a kind that the header does not list.
+        """
+        records: dict[str, list[Any]] = {kind.plural: [] for kind in self.kinds}
+        for event in self.events:
+            records[kind_of(event).plural].append(event)
+        return {plural: tuple(of_kind) for plural, of_kind in records.items()}
 
     @property
     def impacts(self) -> tuple[ImpactRecord, ...]:
@@ -102,8 +113,7 @@ class RunLog:
     @property
     def impact_records(self) -> tuple[Any, ...]:
         """Records of all impacts in order, of contacts and of joints at their limits; those of one impact are adjacent."""
-        both = (*self.impacts, *self.records.get("limit_impacts", ()))
-        return tuple(sorted(both, key=lambda record: record.event)) if len(both) > len(self.impacts) else both
+        return tuple(event for event in self.events if kind_of(event).series == "impact")
 
     @property
     def phases(self) -> tuple[PhaseRecord, ...]:
@@ -128,37 +138,24 @@ class RunLog:
     @property
     def instants_s(self) -> list[float]:
         """Times of all events: a run that ends at an event has a sample there, between two ticks."""
-        return [kind.time(record) for kind in self.event_kinds for record in self.records.get(kind.plural, ())]
+        return [kind.time(record) for kind in self.event_kinds for record in self.records[kind.plural]]
 
-    def whole_events(self) -> dict[str, tuple[Any, ...]]:
-        """Records by plural without those of events at times at which a part of the log is lost: some may be missing."""
-        whole = dict(self.records)
+    def whole_events(self) -> tuple[Any, ...]:
+        """Its records without those of events at times at which a part of the log is lost: some may be missing."""
         starts, ends = np.array(self.lost).reshape(-1, 2).T
-        for kind in self.event_kinds if self.lost else ():
-            records = whole.get(kind.plural, ())
-            times = np.array([kind.time(record) for record in records])
-            # As starts and ends are non-decreasing, the last part that starts before is the one that ends last.
-            last = np.searchsorted(starts, times, side="right") - 1
-            lacks = (last >= 0) & (times <= ends[last])
-            whole[kind.plural] = tuple(record for record, lack in zip(records, lacks.tolist(), strict=True) if not lack)
-        return whole
+        times = np.array([kind_of(event).time(event) for event in self.events])
+        # As starts and ends are non-decreasing, the last part that starts before is the one that ends last.
+        last = np.searchsorted(starts, times, side="right") - 1
+        lacks = (last >= 0) & (times <= ends[last])
+        of_states = {kind.record for kind in self.event_kinds}
+        return tuple(
+            event for event, lack in zip(self.events, lacks, strict=True) if not (lack and type(event) in of_states)
+        )
 
     @property
     def is_doubtful(self) -> bool:
         """Whether what the log says of itself may be damaged, although every message was read."""
         return self.lost == DOUBTFUL
-
-    def events(self) -> list[Event]:
-        """All records in order of time; at one time those that are numbered together by number, the others by kind."""
-        kinds = self.kinds
-        series = [kind.event_group or kind.name if kind.numbered_alone else "" for kind in kinds]
-        entries: list[tuple[float, int, int, Event]] = []
-        for i, kind in enumerate(kinds):
-            for record in self.records.get(kind.plural, ()):
-                number = getattr(record, "event", None)
-                place = i if number is None else series.index(series[i])
-                entries.append((kind.time(record), place, number or 0, record))
-        return [record for *_, record in sorted(entries, key=lambda entry: entry[:3])]
 
     def marks(self) -> list[tuple[RecordKind, float, Mark]]:
         """Marks of its records as (kind, time in s, mark); by kind, then in order."""
@@ -166,7 +163,7 @@ class RunLog:
             (kind, kind.time(record), mark)
             for kind in self.kinds
             if kind.marks is not None
-            for record in self.records.get(kind.plural, ())
+            for record in self.records[kind.plural]
             for mark in kind.marks(record)
         ]
 
@@ -185,53 +182,3 @@ class RunLog:
             return
         for first in range(0, len(self.rows), READ_ROWS):
             yield np.asarray(self.rows[first : first + READ_ROWS])
-
-
-def run_log(
-    header: RunHeader, rows: Rows, events: Sequence[Event], outcome: OutcomeRecord | None, damage: str = ""
-) -> RunLog:
-    """Create a log from events in order of time.
-
-    Raises:
-        KeyError: An event is of a kind that the header does not list.
-    """
-    records: dict[str, list[Event]] = {kind.plural: [] for kind in kinds_of(header.kinds) if kind.plural}
-    for event in events:
-        records[kind_of(event).plural].append(event)
-    return RunLog(header, rows, {plural: tuple(kept) for plural, kept in records.items()}, outcome, damage)
-
-
-_Event = TypeVar("_Event")
-
-
-def merged(first: Sequence[_Event], second: Sequence[_Event], jump: Callable[[_Event, _Event], float]) -> list[_Event]:
-    """Merge two sequences so that the state after each event is nearest to that before the next.
-
-    The two states need not be equal, as a drift projection may lie between them. Dynamic programming over the numbers of
-    events taken from each sequence minimises the sum of all jumps; in a tie, those of the first sequence come first.
-
-    Args:
-        first: Events in their order.
-        second: Others in theirs.
-        jump: Distance between the state after one event and the state before another.
-    """
-    if not first or not second:
-        return [*first, *second]
-    both = first, second
-    sums: dict[tuple[int, int, int], float] = {}
-    before: dict[tuple[int, int, int], tuple[int, int, int]] = {}
-    counts = len(first), len(second)
-    for i, j, which in product(range(counts[0] + 1), range(counts[1] + 1), (0, 1)):
-        if (i, j)[which]:
-            event, rest = (first[i - 1], (i - 1, j)) if which == 0 else (second[j - 1], (i, j - 1))
-            previous = [(*rest, last) for last in (1, 0) if rest[last]]
-            costs = [sums[end] + jump(both[end[2]][rest[end[2]] - 1], event) for end in previous]
-            sums[i, j, which] = min(costs, default=0.0)
-            if costs:
-                before[i, j, which] = previous[costs.index(min(costs))]
-    place: tuple[int, int, int] | None = min(((*counts, last) for last in (1, 0)), key=lambda end: sums[end])
-    out = []
-    while place is not None:
-        out.append(both[place[2]][place[place[2]] - 1])
-        place = before.get(place)
-    return out[::-1]

@@ -1,10 +1,10 @@
-"""Events of a log in the order in which they were applied, and their check: the contact model of each reproduces it."""
+"""Events of a log, in its order, and their check: the contact model of each reproduces it."""
 
 from __future__ import annotations
 
 from bisect import bisect_left
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import fields, replace
 from itertools import groupby
 from typing import Any
@@ -19,43 +19,10 @@ from ffsm_mj.model.system import System
 from ffsm_mj.records.events import RunEnded
 from ffsm_mj.records.kinds import RecordKind
 from ffsm_mj.records.metadata import logged_start_s
-from ffsm_mj.records.run_log import RunLog, merged
+from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.ties import instant_s
 from ffsm_mj.tolerances import EVENT_TIME
 from ffsm_mj.verification.agreement import Agreement, impossible, is_text, numbers_of
-
-
-def _order(event: LoggedEvent) -> tuple[int, float, int]:
-    """Sort key: time, then event number."""
-    return event.step, event.time_s, int(getattr(event.records[0], "event", 0))
-
-
-def _in_order(events: Sequence[LoggedEvent], collection: Collection[str]) -> list[LoggedEvent]:
-    """Events in the order in which they were applied.
-
-    Kinds in ``own_numbers`` are numbered separately from the others: at equal times, only the states tell their order.
-    """
-    out: list[LoggedEvent] = []
-    for _, group in groupby(sorted(events, key=_order), key=lambda event: (event.step, event.time_s)):
-        at_once = list(group)
-        apart = [event for event in at_once if event.kind in collection]
-        # Two series of numbers do not say which of their events came first: the state after one is the state before the
-        # next.
-        out += merged(apart, [event for event in at_once if event.kind not in collection], _jump)
-    return out
-
-
-def _jump(event: LoggedEvent, after: LoggedEvent) -> float:
-    """Distance between the state after one event and the state before the next."""
-    return float(np.linalg.norm(after.state - event.state_after))
-
-
-def _by_group(kinds: Sequence[RecordKind]) -> list[list[RecordKind]]:
-    """Kinds whose records with one number are one event, together; the others alone."""
-    groups: dict[str, list[RecordKind]] = {}
-    for kind in kinds:
-        groups.setdefault(kind.event_group or f"{kind.name} alone", []).append(kind)
-    return [*groups.values()]
 
 
 class LoggedEvents:
@@ -84,21 +51,18 @@ class LoggedEvents:
             fault_of: Returns why records of one event do not fit the models, in one word; empty if they do.
         """
         self._system, self._step_s, self.agreement, self._fault_of = system, step_s, agreement, fault_of
-        met = [event for kinds in _by_group(log.event_kinds) for event in self._of_group(kinds, log)]
-        self._all = _in_order(met, {kind.name for kind in log.event_kinds if kind.numbered_alone})
+        self._all = list(self._events_of(log))
         self.pending = list(self._all)
 
-    def _of_group(self, kinds: Sequence[RecordKind], log: RunLog) -> Iterator[LoggedEvent]:
-        """The events of kinds that share events: the records of one number, kind by kind."""
-        logged = [(kind, i, record) for kind in kinds for i, record in enumerate(log.records.get(kind.plural, ()))]
-        if len(kinds) > 1:
-            # A joint limit and contacts that are met at one instant are one impact, in two kinds of records with one number.
-            logged.sort(key=lambda item: item[2].event)  # a stable sort keeps the order of kinds and of records
+    def _events_of(self, log: RunLog) -> Iterator[LoggedEvent]:
+        """The events of a log: adjacent records of one series and number are one event."""
+        kinds = {kind.record: kind for kind in log.event_kinds}
+        logged = [(kinds[type(record)], i, record) for i, record in enumerate(log.events) if type(record) in kinds]
         counts, goes_on = Counter[str](), logged_start_s(log.header.metadata) > 0.0
-        for _, group in groupby(logged, key=lambda item: getattr(item[2], "event", item[1])):
+        for _, group in groupby(logged, key=lambda item: (item[0].series, getattr(item[2], "event", -1 - item[1]))):
             members = list(group)
             kind, records = members[0][0], tuple(record for *_, record in members)
-            series = kind.event_group if kind.numbered_alone else kind.name
+            series = kind.series or kind.name
             # Events before the start of the log and lost ones have numbers too.
             if (goes_on and series not in counts) or log.lost:
                 counts[series] = int(getattr(records[0], "event", counts[series]))
@@ -193,7 +157,10 @@ class EventCheck:
 
     def fault_of(self, kind: RecordKind, records: Sequence[Any]) -> str:
         """Why the records of one event do not fit the models, in one word; empty if they do."""
-        return self._models[kind.name].record_fault(records)
+        contact_model = self._models[kind.name]
+        if not {kind.record for kind in contact_model.records}.issuperset(map(type, records)):
+            return "event"  # one number of events of two contact models
+        return contact_model.record_fault(records)
 
     def reproduce(self, event: LoggedEvent) -> EventEffect | None:
         """Reproduce the event at the state in ``data``, and compare its records; None if the models do not allow it."""

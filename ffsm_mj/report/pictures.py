@@ -72,7 +72,7 @@ class _View:
         self._tip = [axes.plot([], [], color=part.colour, linewidth=1.4, zorder=22)[0] for part in subject.tip_parts]
         self._star = axes.plot([], [], "*", markersize=16, markerfacecolor=MARK, markeredgecolor=BLACK, zorder=31)[0]
         log = subject.run.log
-        self._marks, self._arrows = drawn_marks(log.events(), 1.0), declared_arrows(log.header)
+        self._marks, self._arrows = drawn_marks(log.events, 1.0), declared_arrows(log.header)
 
     def follow(self, row: int, side_m: float) -> None:
         """Show a square around the robot."""

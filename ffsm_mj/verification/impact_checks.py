@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.grasp.records import GRASP, RELEASE, GraspRecord, ReleaseRecord
+from ffsm_mj.contact_models.grasp.records import GraspRecord, ReleaseRecord
 from ffsm_mj.contact_models.impact.law import law_of_record
 from ffsm_mj.contact_models.impact.records import LimitImpactRecord
 from ffsm_mj.contact_models.impact.replayed_impact import along_row
@@ -26,7 +26,7 @@ from ffsm_mj.contact_models.impact.resolution import Contact, LimitContact, cont
 from ffsm_mj.errors import InputError, UnsupportedContactError
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import ImpactRecord
-from ffsm_mj.records.run_log import RunLog, merged
+from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.tolerances import MECHANISM_RANK, RANK
 from ffsm_mj.verification.check_result import Check, share_of
 from ffsm_mj.verification.independent.scene import LoggedScene
@@ -197,6 +197,31 @@ class FrictionCheck:
         except (InputError, LookupError, TypeError, ValueError, AttributeError):
             return None
 
+    @cached_property
+    def _closed_grasps(self) -> dict[int, list[str]]:
+        """Names of the grasps that are closed at each impact, by its number, as the records of the log say.
+
+        Raises:
+            LookupError: The scenario has fewer grasps than the log says.
+            ValueError: A number in the log is none.
+        """
+        scene, closed, named, at_impacts = self._scene, list[str](), set[str](), dict[int, list[str]]()
+        grasps = [record for record in self._log.events if isinstance(record, GraspRecord | ReleaseRecord)]
+        for record in grasps:  # grasps that are closed since the start of the log: a record ends them before one begins them
+            ended = record.replaces if isinstance(record, GraspRecord) else record.grasp
+            closed += [ended] if ended and ended not in named else []
+            named |= {ended, record.grasp}
+        if scene is not None and len(self._log.rows):
+            closed += [latch.name for latch in scene.closed_in(self._log.rows[0]) if latch.name not in named]
+        for event in self._log.events:
+            if isinstance(event, GraspRecord):
+                closed = [name for name in closed if name != event.replaces] + [event.grasp]
+            elif isinstance(event, ReleaseRecord):
+                closed = [name for name in closed if name != event.grasp]
+            elif isinstance(event, _Record):
+                at_impacts[event.event] = closed
+        return at_impacts
+
     def _met(self, event: Sequence[_Record]) -> _CheckedImpact | None:
         """The impact from its states and models; None without models, or if the states do not match them."""
         from ffsm_mj.dynamics.loops.closed_loops import MassWeightedRows
@@ -215,7 +240,7 @@ class FrictionCheck:
             scene.put(first.qpos, rates)
         try:
             contacts = [_contact(scene.system, data, record) for record in event]
-            stopped = [scene.latch_rows(scene.grasps[name]) for name in closed_grasps(scene, first)]
+            stopped = [scene.latch_rows(scene.grasps[name]) for name in self._closed_grasps[first.event]]
         except (LookupError, TypeError, ValueError):  # the models lack an element, or the scenario a grasp
             return None
         J, impulses, speeds = _directions(model, data, event, contacts)
@@ -332,49 +357,3 @@ def _work(record: _Record) -> float:
 def _coefficients(event: Sequence[_Record]) -> FloatArray:
     """Coefficients of friction; zero at joint limits, (k,)."""
     return np.array([record.mu if isinstance(record, ImpactRecord) else 0.0 for record in event])
-
-
-def closed_grasps(scene: LoggedScene, impact: Any) -> list[str]:
-    """Names of the grasps that are closed at an impact, by the records of the log.
-
-    Raises:
-        LookupError: The scenario has fewer grasps than the log says.
-        ValueError: A number in the log is none.
-    """
-    log = scene.log
-    records: list[GraspRecord | ReleaseRecord] = [
-        logged for kind in (GRASP, RELEASE) for logged in log.records.get(kind.plural, ())
-    ]
-    records.sort(key=lambda one: one.event)
-    closed, named = [], set[str]()
-    for record in records:  # grasps that are closed since the start of the log: a record ends them before one begins them
-        ended = record.replaces if isinstance(record, GraspRecord) else record.grasp
-        closed += [ended] if ended and ended not in named else []
-        named |= {ended, record.grasp}
-    if len(log.rows):
-        closed += [latch.name for latch in scene.closed_in(log.rows[0]) if latch.name not in named]
-    for record in _before(log, records, impact):
-        if isinstance(record, GraspRecord):
-            closed = [latched for latched in closed if latched != record.replaces] + [record.grasp]
-        else:
-            closed = [latched for latched in closed if latched != record.grasp]
-    return closed
-
-
-def _before(log: RunLog, grasps: Sequence[GraspRecord | ReleaseRecord], impact: Any) -> list[Any]:
-    """Captures and releases before an impact, in their order."""
-    place = impact.step, impact.time_s
-    earlier = [earlier_grasp for earlier_grasp in grasps if (earlier_grasp.step, earlier_grasp.time_s) < place]
-    at_once: list[Any] = [other for other in grasps if (other.step, other.time_s) == place]
-    if not at_once:
-        return earlier
-    impacts = {record.event: record for record in log.impact_records if (record.step, record.time_s) == place}
-    order = merged([impacts[event] for event in sorted(impacts)], at_once, _jump)
-    until = next(i for i, candidate in enumerate(order) if candidate is impacts[impact.event])
-    return [*earlier, *(candidate for candidate in order[:until] if candidate in at_once)]
-
-
-def _jump(event: Any, after: Any) -> float:
-    """Distance between the velocities after one event and those before another."""
-    changes = [np.subtract(rate, after.qvel_before[joint]) for joint, rate in event.qvel_after.items()]
-    return float(np.linalg.norm(np.concatenate(changes)))

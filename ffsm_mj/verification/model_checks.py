@@ -140,7 +140,7 @@ def _stack_momentum(log: RunLog) -> float:
         return math.nan
     mujoco.mj_kinematics(system.mj, data)
     mujoco.mj_comPos(system.mj, data)
-    rest, _ = StackMomentum(system).parts(data, grasped_objects(log.events()))
+    rest, _ = StackMomentum(system).parts(data, grasped_objects(log.events))
     return math.hypot(*rest.tolist())
 
 

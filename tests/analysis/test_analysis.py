@@ -11,6 +11,7 @@ import ffsm_mj
 from ffsm_mj.analysis import tables
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.errors import MissingPackageError
+from tests.changed_logs import with_records
 from tests.scenes import two_balls
 
 
@@ -77,7 +78,7 @@ def test_impact_laws_catch_a_wrong_impact(tmp_path, restitution):
         ({"energy_change_J": record.energy_change_J + 1e-6}, "impact energy"),
         ({"separation_speed_m_s": record.separation_speed_m_s + 1e-6}, "impact restitution"),
     ):
-        wrong = Run(replace(run.log, records=run.log.records | {"impacts": (replace(record, **change),)}))
+        wrong = Run(with_records(run.log, {"impacts": (replace(record, **change),)}))
         assert not check(wrong, broken).passes
         assert check(wrong, broken).residual == pytest.approx(1e-6, rel=1e-6)
         assert check(wrong, broken).component == "impact 1"

@@ -12,6 +12,7 @@ import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.analysis.tables import table_names
 from ffsm_mj.verification.independent.finding import TOLERANCES
+from tests.changed_logs import with_records
 from tests.scenes import ball, box, scene
 
 
@@ -72,7 +73,7 @@ def test_records_that_contradict_each_other_fail_without_the_models(rough):
     """An energy change that the impulses did not do."""
     (hit,) = rough.impacts
     wrong = replace(hit, energy_change_J=hit.energy_change_J + 1e-6)
-    run = ffsm_mj.Run(replace(rough.log, records=rough.log.records | {"impacts": (wrong,)}))
+    run = ffsm_mj.Run(with_records(rough.log, {"impacts": (wrong,)}))
     assert [check.name for check in run.checks() if not check.passes] == ["impact energy"]
 
 

@@ -11,6 +11,7 @@ import pytest
 import ffsm_mj
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.report.page import write_page
+from tests.changed_logs import with_records
 from tests.scenes import HEAD, scene
 
 EVIL = "<script>window.hit = 1</script>"
@@ -46,7 +47,7 @@ def page(tmp_path_factory):
     assert [round(hit.time_s, 9) for hit in run.impacts] == [HIT_S]
     phase = replace(run.phases[0], name=f"</script>{EVIL}")  # scenarios may not, logs may
     header = replace(run.log.header, scenario_name=EVIL)
-    named = Run(replace(run.log, header=header, records=run.log.records | {"phases": (phase,)}))
+    named = Run(with_records(replace(run.log, header=header), {"phases": (phase,)}))
     with pytest.MonkeyPatch.context() as patch:  # figures cost most of the time
         patch.setattr("ffsm_mj.report.page.document._FIGURES", {"energies": "Energies", "conservation": "Residuals"})
         write_page(named, folder / "run.html")

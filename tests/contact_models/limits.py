@@ -107,7 +107,7 @@ def sentences(run):
     """Kind, time and joint of all events at joint limits, in order."""
     return [
         (type(each).__name__, round(each.time_s, 6), each.joint.split("/")[1], each.side)
-        for each in run.log.events()
+        for each in run.log.events
         if hasattr(each, "side")
     ]
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from tests.changed_logs import with_records
 from tests.golden.compare import log_differences
 
 
@@ -36,8 +37,6 @@ def test_rows_may_differ_more_after_the_first_event(log, after, share, seen):
 
 def test_events_that_have_changed_are_named(log):
     first, *others = log.impacts
-    late = replace(log, records={**log.records, "impacts": (replace(first, time_s=first.time_s + 1e-8), *others)})
+    late = with_records(log, {"impacts": (replace(first, time_s=first.time_s + 1e-8), *others)})
     assert log_differences(log, late) == ["impacts 1 time_s by 1.0e-08"]
-    assert log_differences(log, replace(log, records={**log.records, "impacts": ()})) == [
-        f"{len(log.impacts)} impacts, now 0"
-    ]
+    assert log_differences(log, with_records(log, {"impacts": ()})) == [f"{len(log.impacts)} impacts, now 0"]

@@ -68,7 +68,7 @@ def recorded(run, folder, *happened, kinds=("grip",)):
     for sink in sinks:
         sink.open(header)
     begun = 0
-    for event in sorted((*run.log.events(), *happened), key=lambda event: register_of_kinds.kind_of(event).time(event)):
+    for event in sorted((*run.log.events, *happened), key=lambda event: register_of_kinds.kind_of(event).time(event)):
         end = int(np.searchsorted(time, register_of_kinds.kind_of(event).time(event), side="right"))
         for sink in sinks:
             if end > begun:

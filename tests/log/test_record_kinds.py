@@ -54,7 +54,7 @@ def test_a_record_is_read_back_and_listed(plain_run, tmp_path):
     for run in (kept, read):
         assert run.records["grips"] == (FIRST, LAST)
         assert (run.impacts, run.phases) == (plain_run.impacts, plain_run.phases)
-        assert [type(event).__name__ for event in run.log.events()] == ["PhaseRecord", "Grip", "ImpactRecord", "Grip"]
+        assert [type(event).__name__ for event in run.log.events] == ["PhaseRecord", "Grip", "ImpactRecord", "Grip"]
         assert run.summary()["grips"] == [GRIP.summary(FIRST), GRIP.summary(LAST)]
         assert run.table("grips").columns["point_y_m"].tolist() == [0.05, 0.05]
         assert run.table("grips").columns["geoms_b"].tolist() == ["target", "target"]
@@ -214,7 +214,7 @@ def test_a_record_that_the_header_does_not_name_is_refused(plain_run):
     sink.open(plain_run.log.header)
     sink.event(FIRST)
     with pytest.raises(KeyError, match="grips"):
-        sink.log()
+        assert sink.log().records
 
 
 @pytest.mark.usefixtures("grips")

@@ -8,6 +8,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.replay import replay_log
+from tests.changed_logs import with_records
 from tests.contact_models.grasp.test_pressing import on_a_wall
 
 
@@ -34,19 +35,19 @@ def test_there_are_events_of_many_kinds(run):
 @pytest.mark.parametrize("plural", ["impacts", "contact_beginnings", "grasp_impulses", "armings", "releases"])
 def test_one_more_in_the_number_of_an_event_is_noticed(run, plural):
     records = run.log.records[plural]
-    again = replay_log(replace(run.log, records=run.log.records | {plural: later(records, len(records) - 1)}))
+    again = replay_log(with_records(run.log, {plural: later(records, len(records) - 1)}))
     assert not again.agrees
     assert not again.worst["impacts"].passes
 
 
 def test_a_count_that_is_one_higher_everywhere_is_noticed(run):
     higher = {plural: later(records, 0) for plural, records in numbered(run).items()}
-    assert not replay_log(replace(run.log, records=run.log.records | higher)).agrees
+    assert not replay_log(with_records(run.log, higher)).agrees
 
 
 def test_an_event_that_is_not_there_is_noticed_by_the_next_number(run):
     """An arming changes nothing of the motion."""
-    assert not replay_log(replace(run.log, records=run.log.records | {"armings": run.log.records["armings"][1:]})).agrees
+    assert not replay_log(with_records(run.log, {"armings": run.log.records["armings"][1:]})).agrees
 
 
 def test_behind_a_hole_the_count_goes_on_with_the_number_of_the_log(run):

@@ -11,6 +11,7 @@ import pytest
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.replay import replay_log
+from tests.changed_logs import with_records
 from tests.contact_models.grasp.scenes import OFF
 from tests.scenes import scene
 
@@ -63,5 +64,5 @@ def test_a_force_that_is_wrong_by_a_millionth_is_found(tmp_path, kind, field):
     log = ffsm_mj.run(landing(tmp_path, 5e-7)).log
     (record,) = log.records[kind]
     wrong = replace(record, **{field: getattr(record, field) * (1.0 + 1e-6)})
-    changed = replace(log, records={**log.records, kind: [wrong]})
+    changed = with_records(log, {kind: [wrong]})
     assert [each.what for each in replay_log(changed).worst.values() if not each.passes]

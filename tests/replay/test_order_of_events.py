@@ -1,4 +1,4 @@
-"""What happens at one instant is replayed in the order in which it happened, though impacts have numbers of their own."""
+"""What happens at one instant is replayed in the order of the log, which is that in which it happened."""
 
 from __future__ import annotations
 
@@ -8,7 +8,10 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
+from ffsm_mj.log.mcap.reader import read_log
+from ffsm_mj.records.kinds import kind_of
 from ffsm_mj.replay import replay_log
+from tests.changed_logs import with_records
 from tests.contact_models.grasp.scenes import ARM, OFF, grasping
 from tests.scenes import falling_box
 
@@ -29,7 +32,7 @@ def test_impact_capture_and_impact_again_at_one_instant(tmp_path):
             {"name": "hold", "until": "end", "controller": OFF},
         ],
     )
-    run = ffsm_mj.run(path)
+    run = ffsm_mj.run(path, out=tmp_path / "out")
     first, second = run.impacts
     assert first.time_s == run.log.records["grasp_impulses"][0].time_s
     # Rounding of the transferred velocities decides whether the second is due at once or a root within the rounding of time.
@@ -37,6 +40,14 @@ def test_impact_capture_and_impact_again_at_one_instant(tmp_path):
     again = replay_log(run.log)
     assert [str(check) for check in (*all_checks(run), *again.checks()) if not check.passes] == []
     assert again.agrees, again.worst
+    log = read_log(tmp_path / "out/run.mcap")
+    order = ["impact", "contact_begins", "grasp", "phase", "contact_ends", "impact"]
+    assert [kind_of(event).name for event in log.events[2:8]] == order
+    assert log.events == run.log.events
+    at = [log.events.index(event) for event in (first, log.records["grasp_impulses"][0])]
+    turned = list(log.events)
+    turned[at[0]], turned[at[1]] = turned[at[1]], turned[at[0]]
+    assert not replay_log(replace(log, events=tuple(turned))).agrees
 
 
 @pytest.mark.long
@@ -94,6 +105,6 @@ def test_points_of_an_impact_in_another_order(tmp_path):
     assert len(impacts) == 4
     assert len({impact.event for impact in impacts}) == 1
     turned = (*impacts[1:], impacts[0])
-    assert replay_log(replace(log, records=log.records | {"impacts": turned})).agrees
+    assert replay_log(with_records(log, {"impacts": turned})).agrees
     wrong = (replace(turned[0], point_m=turned[1].point_m), *turned[1:])
-    assert not replay_log(replace(log, records=log.records | {"impacts": wrong})).agrees
+    assert not replay_log(with_records(log, {"impacts": wrong})).agrees

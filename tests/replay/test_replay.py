@@ -12,6 +12,7 @@ from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.replay import replay_log
 from ffsm_mj.yaml import plain_value, write_yaml
+from tests.changed_logs import with_records
 from tests.contact_models.grasp.scenes import grasping
 from tests.scenes import ball, two_balls
 
@@ -134,7 +135,7 @@ def test_every_field_of_an_impact_shows_a_change(hit, field):
 
     given = getattr(record, field)
     wrong = {name: other(value) for name, value in given.items()} if isinstance(given, dict) else other(given)
-    again = replay_log(replace(hit.log, records=hit.log.records | {"impacts": (replace(record, **{field: wrong}),)}))
+    again = replay_log(with_records(hit.log, {"impacts": (replace(record, **{field: wrong}),)}))
     assert not again.agrees
 
 
@@ -162,7 +163,7 @@ def test_a_quaternion_and_its_negative_are_one_rotation(tmp_path):
             for qpos in turned:
                 qpos[quaternion] *= sign
             records[name] = tuple(replace(a, qpos=tuple(b.tolist())) for a, b in zip(events, turned, strict=True))
-        return replay_log(replace(run.log, rows=rows, records=run.log.records | records))
+        return replay_log(with_records(replace(run.log, rows=rows), records))
 
     assert 0.2 < caught.time_s < 0.3
     again = other(-1.0)
@@ -172,9 +173,9 @@ def test_a_quaternion_and_its_negative_are_one_rotation(tmp_path):
 
 def test_an_impact_that_is_missing_or_made_up_shows(hit):
     (record,) = hit.impacts
-    assert not replay_log(replace(hit.log, records={})).agrees
+    assert not replay_log(with_records(hit.log, {"impacts": ()})).agrees
     twice = (record, replace(record, event=1, time_s=0.05, step=50))
-    assert not replay_log(replace(hit.log, records={"impacts": twice})).agrees
+    assert not replay_log(with_records(hit.log, {"impacts": twice})).agrees
 
 
 def test_a_mass_that_was_not_the_runs_shows(hit):

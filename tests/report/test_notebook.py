@@ -18,6 +18,7 @@ from PIL import Image
 import ffsm_mj
 from ffsm_mj.analysis import run as run_module
 from ffsm_mj.errors import InputError
+from tests.changed_logs import with_records
 from tests.scenes import ball, scene, two_balls
 
 
@@ -71,7 +72,7 @@ def test_the_representation_shows_a_failed_check(hit):
     """A log with an energy change of the impact that is 1e-3 J too large."""
     record = hit.impacts[0]
     wrong = replace(record, energy_change_J=record.energy_change_J + 1e-3)
-    run = ffsm_mj.Run(replace(hit.log, records=hit.log.records | {"impacts": (wrong,)}))
+    run = ffsm_mj.Run(with_records(hit.log, {"impacts": (wrong,)}))
     assert "1 of 13 checks FAILED; worst: impact energy of total, 1.0e-03 J of " in repr(run)
 
 

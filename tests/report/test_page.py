@@ -26,6 +26,7 @@ from ffsm_mj.report.page import scene, write_page
 from ffsm_mj.report.page.document import _check
 from ffsm_mj.report.page.scene import Poses, plumes
 from ffsm_mj.report.page.solids import arrow_solid, triangles
+from tests.changed_logs import with_records
 from tests.log.markers import scale_of
 from tests.log.test_viewer_topics import ALL_SHAPES
 from tests.scenes import CHAIN, HEAD, compile_paths, three_balls, two_balls
@@ -196,7 +197,7 @@ def test_a_run_that_diverged_is_drawn(hit, tmp_path):
     rows[50:100, 1] = 1e300
     (record,) = hit.impacts
     lost = replace(record, point_m=(np.inf, 0.0, 0.0), qpos=(np.nan, 0.0))
-    log = replace(hit.log, rows=rows, records=hit.log.records | {"impacts": (lost,)})
+    log = with_records(replace(hit.log, rows=rows), {"impacts": (lost,)})
     write_page(Run(log), tmp_path / "x.html")
     told = json.loads(part(tmp_path / "x.html", "data"), parse_constant=pytest.fail)
     assert np.isfinite([*told["centre"], told["radius"]]).all()

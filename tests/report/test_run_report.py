@@ -14,6 +14,7 @@ from ffsm_mj.report.record_tables import impact_table
 from ffsm_mj.report.run_report import MOST_LINES, run_report
 from ffsm_mj.report.verification_report import check_table
 from ffsm_mj.verification.truncation import ExplainedChecks
+from tests.changed_logs import with_records
 from tests.contact_models.joint_friction.scenes import run as friction_run
 from tests.contact_models.joint_friction.scenes import slider
 from tests.scenes import ball, scene, two_balls
@@ -29,8 +30,8 @@ def _narrow(monkeypatch):
     monkeypatch.setattr(terminal, "terminal_width", lambda: 80)
 
 
-def with_records(run, **records):
-    return ffsm_mj.Run(replace(run.log, records=run.log.records | records))
+def changed(run, **records):
+    return ffsm_mj.Run(with_records(run.log, records))
 
 
 def reported(run, notes, lines=MOST_LINES):
@@ -50,7 +51,7 @@ def test_a_run_that_passes_is_a_few_lines(hit):
 
 def test_checks_that_fail_come_first_and_notes_below_them(hit):
     (record,) = hit.impacts
-    run = with_records(hit, impacts=(replace(record, energy_change_J=record.energy_change_J + 1e-3),))
+    run = changed(hit, impacts=(replace(record, energy_change_J=record.energy_change_J + 1e-3),))
     lines = reported(run, ["the base has no mass"]).splitlines()
     failed = next(i for i, line in enumerate(lines) if line.endswith("FAILED"))
     assert "impact energy" in lines[failed]
@@ -84,7 +85,7 @@ def test_many_pairs_are_cut_until_the_report_fits(hit):
     impacts = tuple(record for name in names for record in bounces(hit, name, [0.1, 0.2]))
     broken = tuple(replace(record, energy_change_J=1.0) for record in impacts)
     for records in (impacts, broken):
-        report = reported(with_records(hit, impacts=records), ["note " * 30] * 9)
+        report = reported(changed(hit, impacts=records), ["note " * 30] * 9)
         lines = report.splitlines()
         assert len(lines) <= MOST_LINES
         assert max(map(len, lines)) <= 80
@@ -106,7 +107,7 @@ def test_the_table_of_checks_is_whole_at_80_columns(hit):
 def test_a_report_without_room_counts_its_records(hit):
     """Five lines: the outcome, the failing checks with the first note, and numbers in place of tables."""
     impacts = tuple(replace(record, energy_change_J=1.0) for record in bounces(hit, hit.impacts[0].rule, [0.1, 0.2]))
-    lines = reported(with_records(hit, impacts=impacts), ["first", "second"], 5).splitlines()
+    lines = reported(changed(hit, impacts=impacts), ["first", "second"], 5).splitlines()
     assert len(lines) <= 5
     assert any(line.endswith("FAILED") for line in lines)
     assert "  note: first" in lines

@@ -73,7 +73,7 @@ def test_an_impact_on_what_is_held_passes_through_the_wrist(measured, tmp_path, 
         latch = {"robot_site": "grip", "object_site": "handle", "when": TOUCH, "joint": joint}
         wrist = SENSORS["wrist"] | {"interval_s": 0.002}  # hand and object bounce off each other 3 ms after the stone
         measured = ffsm_mj.run(caught(tmp_path, sensors={"wrist": wrist}, grasps={"grasp": latch}))
-    hit = next(e for e in measured.log.events() if isinstance(e, ImpactRecord) and "stone/stone" in e.geoms)
+    hit = next(e for e in measured.log.events if isinstance(e, ImpactRecord) and "stone/stone" in e.geoms)
     system = compile_log(measured.log)
     model, data = system.mj, mujoco.MjData(system.mj)
     momenta = []

@@ -90,7 +90,7 @@ def test_samples_inside_steps_have_the_order_of_the_steps(tmp_path, pushed):
 
 def test_an_impulse_through_the_wrist_is_what_the_hand_does_not_keep(pushed):
     """Momentum of the hand, body by body from the record: its change is the contact impulse less that of the wrist."""
-    (hit,) = [event for event in pushed.log.events() if isinstance(event, ImpactRecord)]
+    (hit,) = [event for event in pushed.log.events if isinstance(event, ImpactRecord)]
     system = compile_log(pushed.log)
     model, data = system.mj, mujoco.MjData(system.mj)
     hand, momenta = model.body("robot/hand").id, []

@@ -40,7 +40,7 @@ def overrides(scenario: str, *, whole: bool = False) -> dict[str, Any]:
 
 def told(run: Any) -> dict[str, Any]:
     """What a run says: its rows, its events but the beginnings of phases, the reports of its phases, how it ended."""
-    events = [repr(each) for each in run.log.events() if type(each).__name__ != "PhaseRecord"]
+    events = [repr(each) for each in run.log.events if type(each).__name__ != "PhaseRecord"]
     summary = run.summary()
     reports = {each["name"]: each["reports"] for each in summary["controller"]["phases"]}
     ended = [run.outcome, summary["sub_steps"], summary["smallest_step_s"]]

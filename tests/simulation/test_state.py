@@ -234,7 +234,7 @@ def test_a_log_with_states(tmp_path, capsys):
     whole = ffsm_mj.run("tap", given | {"log.states": "events"}, out=tmp_path / "run", rerun=False)
     assert np.array_equal(plain.log.rows[:], whole.log.rows[:], equal_nan=True)
     states = [from_bytes(each)["progress"]["time_s"] for each in stored_states(tmp_path / "run" / "run.mcap")]
-    assert states == sorted({each.time_s for each in whole.log.events() if hasattr(each, "step")}) or len(states) > 5
+    assert states == sorted({each.time_s for each in whole.log.events if hasattr(each, "step")}) or len(states) > 5
     capsys.readouterr()
     assert main(["analyze", str(tmp_path / "run")]) == 0
     out = capsys.readouterr().out

@@ -102,8 +102,7 @@ IMPACT = RecordKind(
     marks=_marks,
     warning=_warns,
     in_every_run=True,
-    numbered_alone=True,
-    event_group="impact",
+    series="impact",
 )
 
 
@@ -185,6 +184,5 @@ LIMIT_IMPACT = RecordKind(
     summary=summary_of,
     marks=_limit_marks,
     warning=lambda record: record.status in ("energy_guard", "jammed"),
-    numbered_alone=True,
-    event_group="impact",
+    series="impact",
 )

@@ -143,7 +143,6 @@ def _kind(
         marks=_marks,
         arrows=arrows,
         in_every_run=in_every_run,
-        event_group="contact",
     )
 
 
@@ -249,7 +248,6 @@ def _limit_kind(record: type, name: str, plural: str, when: str, says: str) -> R
         when=when,
         sentence=sentence,
         marks=_limit_marks,
-        event_group="contact",
     )
 
 

@@ -26,10 +26,10 @@ from ffsm_mj.log import limits
 from ffsm_mj.log.mcap import format as form
 from ffsm_mj.log.mcap.salvage import MESSAGE_HEAD, UNREADABLE, Batch, LogFile, opened
 from ffsm_mj.log.sampling import Sampling
-from ffsm_mj.records.events import Event, OutcomeRecord
+from ffsm_mj.records.events import OutcomeRecord
 from ffsm_mj.records.kinds import RecordKind, kind_of, kinds
 from ffsm_mj.records.metadata import fault_of_metadata, fault_of_version
-from ffsm_mj.records.run_log import DOUBTFUL, READ_ROWS, RunHeader, RunLog, run_log
+from ffsm_mj.records.run_log import DOUBTFUL, READ_ROWS, RunHeader, RunLog
 from ffsm_mj.records.signals import TIME, Layout
 
 _MOST_TOPICS, _LONGEST_TOPIC = 3, 60
@@ -71,8 +71,7 @@ def stored_states(path: Path) -> list[bytes]:
     """
     with opened(path) as file:
         contents = _Contents(path, file)
-        channel = contents.topics.get(form.STATE_TOPIC)
-        return list(contents.messages(channel)) if channel is not None else []
+        return [state for _, state in contents.messages(form.STATE_TOPIC)] if form.STATE_TOPIC in contents.topics else []
 
 
 class _Contents:
@@ -121,14 +120,18 @@ class _Contents:
         samples = self.topics.get(form.SAMPLE_TOPIC)
         self.samples = self._batches.get(samples.id, []) if samples is not None else []
 
-    def messages(self, channel: Channel) -> Iterator[bytes]:
-        """Messages of a channel, in order."""
-        of_channel = self._batches.get(channel.id, [])
-        if sum(batch.count for batch in of_channel) > limits.EVENTS:
-            raise LogError(self._path, f"more than {limits.EVENTS} events on {channel.topic}, too many for a run")
-        for chunk, batches in groupby(of_channel, key=lambda batch: batch.chunk):
+    def messages(self, *topics: str) -> Iterator[tuple[int, bytes]]:
+        """Messages on some topics, each with the id of its channel, in the order of the file."""
+        batches: list[Batch] = []
+        for topic in topics:
+            of_topic = self._batches.get(self.topics[topic].id, [])
+            if sum(batch.count for batch in of_topic) > limits.EVENTS:
+                raise LogError(self._path, f"more than {limits.EVENTS} events on {topic}, too many for a run")
+            batches += of_topic
+        batches.sort(key=lambda batch: (batch.chunk, batch.at))
+        for chunk, of_chunk in groupby(batches, key=lambda batch: batch.chunk):
             content = self._file.content(chunk)
-            yield from (message.tobytes() for batch in batches for message in batch.messages(content))
+            yield from ((batch.channel, message.tobytes()) for batch in of_chunk for message in batch.messages(content))
 
     def _holds(self, kind: RecordKind, channel: Channel) -> bool:
         """Whether a channel has the schema of a kind of record.
@@ -166,16 +169,16 @@ class _Contents:
             rows = stored.copy() if stored.small else stored
             _load_plugins(channels)
             known = [kind for kind in kinds() if kind.topic in channels and self._holds(kind, channels[kind.topic])]
-            records = [
-                form.decode_record(kind, message) for kind in known for message in self.messages(channels[kind.topic])
-            ]
+            by_channel = {channels[kind.topic].id: kind for kind in known}
+            messages = self.messages(*(kind.topic for kind in known))
+            records = [form.decode_record(by_channel[channel], message) for channel, message in messages]
             for record in records:
                 if not math.isfinite(time_s := kind_of(record).time(record)):
                     raise ValueError(f"the time of a record of {type(record).__name__} is {time_s}")
         except (ValueError, LookupError, TypeError, DecodeError) as error:
             raise LogError(path, f"not of this version's format ({error})") from error
         outcome = next((record for record in records if isinstance(record, OutcomeRecord)), None)
-        events: list[Event] = [record for record in records if not isinstance(record, OutcomeRecord)]
+        events = tuple(record for record in records if not isinstance(record, OutcomeRecord))
         if fault := form.fault_of_names(self._attachments) or fault_of_metadata(channel.metadata):
             raise LogError(path, fault)
         files = dict(self._attachments)
@@ -183,9 +186,8 @@ class _Contents:
         by_topic = {kind.topic: kind.name for kind in known if not kind.in_every_run}
         declared = tuple(by_topic[topic] for topic in channels if topic in by_topic)  # in the order of the run
         header = RunHeader(channel.metadata.get("scenario", ""), scenario, layout, files, channel.metadata, declared)
-        log = run_log(header, rows, events, outcome)
-        log = replace(log, lost=self._lost())
-        log = replace(log, records=log.whole_events()) if log.lost else log
+        log = RunLog(header, rows, events, outcome, lost=self._lost())
+        log = replace(log, events=log.whole_events()) if log.lost else log
         return replace(log, damage=_damage(self._file, _gaps(log), ended=outcome is not None), note=_note(channels, known))
 
     def _lost(self) -> tuple[tuple[float, float], ...]:

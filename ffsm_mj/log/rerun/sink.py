@@ -292,7 +292,7 @@ def write_recording(log: RunLog, path: Path) -> None:
         raise InputError(f"{THE_LOG} has no {min(missing)}, a coordinate of its models")
     sink = RerunSink(lambda: path, system, logged_scenario(log).log.view_rate_hz)
     sink.open(log.header)
-    for event in log.events():
+    for event in log.events:
         sink.event(event)
     for number, block in enumerate(log.blocks(), 1):
         sink.rows(block)

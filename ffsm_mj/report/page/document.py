@@ -186,7 +186,7 @@ def _headline(run: Run) -> str:
 
 def _events(run: Run) -> list[str]:
     """A button per event that moves the slider to its time."""
-    events = run.log.events()
+    events = run.log.events
     lines = []
     for record in events[:_MOST_EVENTS]:
         kind = kind_of(record)

@@ -74,7 +74,7 @@ def poses(subject: Subject) -> Poses:
     rows = np.unique(np.clip(np.searchsorted(run.time, picked_times(run) - 1e-9), 0, len(run.time) - 1))
     by_time = dict(zip(run.time[rows].tolist(), run.qpos[rows], strict=True))
     # A log may hold any numbers: use a record only if its number of coordinates is that of the models.
-    records = [record for record in run.log.events() if hasattr(record, "qpos")]
+    records = [record for record in run.log.events if hasattr(record, "qpos")]
     at_events = {
         kind_of(record).time(record): np.array(record.qpos)
         for record in records
@@ -197,7 +197,7 @@ class PageScene:
 def scene(subject: Subject, poses: Poses) -> PageScene:
     """Draw the scene of a run."""
     scale = marker_scale(subject.system)
-    marks = drawn_marks(subject.run.log.events(), scale)
+    marks = drawn_marks(subject.run.log.events, scale)
     low, high = _box(subject, poses, marks)
     plot = k3d.plot(menu_visibility=False, camera_auto_fit=False, grid_auto_fit=False, axes_helper=0, camera_fov=45.0)
     middle, half = 0.5 * (low + high), 0.5 * np.maximum(high - low, 0.6 * np.max(high - low))

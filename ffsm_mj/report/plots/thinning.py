@@ -36,7 +36,7 @@ def thinned(run: Run, times: Iterable[float] = ()) -> Run:
     count, width = len(log.rows), len(log.header.layout.signals)
     if 8 * count * width <= KEPT_BYTES:
         return _drawable(run)
-    marks = np.array(sorted({*(kind_of(event).time(event) for event in log.events()), *times}))
+    marks = np.array(sorted({*(kind_of(event).time(event) for event in log.events), *times}))
     beside = _Beside(log)
     kept = [
         part[_outstanding(part, part[:, log.header.layout.time], beside.of(part), marks)]

@@ -36,7 +36,7 @@ def grasps(scene: LoggedScene, rows: LoggedRows) -> list[Finding]:
     twist, impulse = Worst(GRASP_TWIST), Worst(GRASP_IMPULSE)
     if not rows.is_whole:
         return []
-    events: list[Any] = scene.log.events()
+    events = scene.log.events
     closed = _closed_at_start(scene, rows, events)
     for record in events:
         if hasattr(record, "replaces"):
@@ -89,7 +89,7 @@ def _across(rows: Array, M: Array, momentum: Array) -> Array:
 def grasp_bounds(scene: LoggedScene, rows: LoggedRows) -> list[Finding]:
     """Worst excess of the largest ratio of a value to its bound, at grasps and near misses."""
     worst = Worst(GRASP_BOUNDS)
-    events: list[Any] = [record for record in scene.log.events() if hasattr(record, "time_s")]
+    events: list[Any] = [record for record in scene.log.events if hasattr(record, "time_s")]
     others_than_arming = ("replaces", "least_ratio", "reason")
     for record in events:
         bounds = (scene.scenario.get("grasps") or {}).get(getattr(record, "grasp", ""), {})

@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.model.system import System
+from ffsm_mj.records.kinds import kind_of
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import FRICTION_HEAT, SLIDING_HEAT
 from ffsm_mj.tolerances import MECHANISM_RANK
@@ -356,22 +357,18 @@ def equalities(scene: LoggedScene) -> list[Finding]:
     the projection of the step after it would close them again, at the expense of an energy that balances take as they find
     it.
     """
-    worst, events = Worst(EQUALITIES), dict[int, Any]()
+    worst = Worst(EQUALITIES)
     if not np.any(scene.model.eq_active0):
         return []
-    logged: list[Any] = scene.log.events()
-    for record in logged:
-        if hasattr(record, "qvel_before") and hasattr(record, "qvel_after"):
-            events[record.event] = record  # of one event all have the same state
-    for number, record in events.items():
+    logged = [record for record in scene.log.events if hasattr(record, "qvel_before") and hasattr(record, "qvel_after")]
+    for _, event in groupby(logged, key=lambda record: (record.time_s, record.qvel_before, record.qvel_after)):
+        record = next(event)  # of one event all have the same state
         before, after = scene.rates(record.qvel_before), scene.rates(record.qvel_after)
         scene.put(record.qpos, before)
         rows = _independent(scene.equality_rows(), scene.mass_matrix())
         # Those that the event stops, as the closing of a grasp does, had drifted before by what is no concern of it.
         change = np.minimum(np.abs(rows @ (after - before)), np.abs(rows @ after))
-        worst.add(
-            f"event {number + 1}", change, np.abs(rows) @ (np.abs(before) + np.abs(after)), record.time_s, "m/s, rad/s"
-        )
+        worst.add(kind_of(record).name, change, np.abs(rows) @ (np.abs(before) + np.abs(after)), record.time_s, "m/s, rad/s")
     return worst.findings
 
 

@@ -331,7 +331,7 @@ class LoggedRows:
     def __init__(self, log: RunLog, kept: KeptRows) -> None:
         """Bind to a log."""
         self.kept, self.is_whole = kept, kept.is_regular and not log.damage
-        self._changes: list[Any] = [record for record in log.events() if getattr(record, "efforts_after", None)]
+        self._changes: list[Any] = [record for record in log.events if getattr(record, "efforts_after", None)]
         self._changed_s = np.array([record.time_s for record in self._changes])
         self._instants = np.sort(np.array(log.instants_s))
 

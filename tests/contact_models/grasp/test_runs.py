@@ -18,6 +18,7 @@ from ffsm_mj.experiments.metrics import fault_of, metric_values
 from ffsm_mj.replay import replay_log
 from ffsm_mj.report.run_report import run_report
 from ffsm_mj.verification.truncation import ExplainedChecks
+from tests.changed_logs import with_records
 from tests.contact_models.grasp.scenes import BOUNDS, FLAT_TARGET, NEAR, OFF, TARGET, TOUCH, grasping, stone
 from tests.laws import Law
 from tests.replays import proved
@@ -420,7 +421,7 @@ def test_the_log_of_a_run_with_captures(tmp_path, capfd):
         ("time_s", math.nextafter(capture.time_s, 2.0) + 1e-6),
     ):
         records = {**run.log.records, "grasp_impulses": (dataclasses.replace(capture, **{name: value}),)}
-        assert not replay_log(dataclasses.replace(run.log, records=records)).agrees
+        assert not replay_log(with_records(run.log, records)).agrees
 
 
 def test_a_force_on_what_is_held_that_is_no_part_of_it_is_noticed(tmp_path):

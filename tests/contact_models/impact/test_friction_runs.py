@@ -22,6 +22,7 @@ from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.replay import replay_log
 from ffsm_mj.report.record_tables import impact_table
 from ffsm_mj.verification import impact_checks
+from tests.changed_logs import with_records
 from tests.contact_models import scenes as contact_model_scenes
 from tests.contact_models.grasp import scenes as grasps
 from tests.contact_models.impact.test_fixed import slab
@@ -102,7 +103,7 @@ def changed(value):
 def impact_energy_check(run, **wrong):
     """The check of impact energy with a changed record."""
     records = (replace(run.impacts[0], **wrong), *run.impacts[1:])
-    log = replace(run.log, records=run.log.records | {"impacts": records})
+    log = with_records(run.log, {"impacts": records})
     (law,) = (check for check in all_checks(Run(log)) if check.name == "impact energy")
     return law
 
@@ -306,7 +307,7 @@ def test_a_grasp_closes_on_a_contact_pressed_by_spin(tmp_path):
     assert hit.time_s == caught.time_s == begin.time_s == end.time_s
     assert begin.force_after_N > 0.0
     assert run.contacts == ()  # it lasted for no time; the replay needs its records
-    without = replace(run.log, records={**run.records, "grasp_impulses": (), "contact_endings": ()})
+    without = with_records(run.log, {"grasp_impulses": (), "contact_endings": ()})
     again = replay_log(without)
     assert not again.agrees
 
@@ -375,7 +376,7 @@ def test_an_impact_at_the_instant_of_a_release_acts_on_the_grasped_object(tmp_pa
     run = proved(ffsm_mj.run(path))
     assert run.grasps[0].release_s == run.impacts[1].time_s
     (caught,) = run.records["grasp_impulses"]
-    wrong = replace(run.log, records={**run.records, "grasp_impulses": (replace(caught, robot_site="robot/no"),)})
+    wrong = with_records(run.log, {"grasp_impulses": (replace(caught, robot_site="robot/no"),)})
     assert not replay_log(wrong).agrees
     assert all_checks(Run(wrong))  # a failed check, no exception
 
@@ -452,7 +453,7 @@ def test_a_log_replay_takes_the_logged_path_where_rounding_decides_it(tmp_path, 
     (hit,) = log.impacts
     assert hit.path == "slip, stick"
     (still,) = ffsm_mj.run(on_wall(tmp_path, 0.0)).impacts
-    changed = replace(log, records={**log.records, "impacts": (replace(hit, path=still.path),)})
+    changed = with_records(log, {"impacts": (replace(hit, path=still.path),)})
     assert replay_log(changed).agrees == agrees
 
 
@@ -461,7 +462,7 @@ def test_a_logged_impact_that_no_rounding_makes_is_found(tmp_path, field, value)
     log = proved(ffsm_mj.run(on_wall(tmp_path, 0.5))).log
     (hit,) = log.impacts
     assert hit.impulse_N_s == pytest.approx(3.8, rel=1e-12)
-    changed = replace(log, records={**log.records, "impacts": (replace(hit, **{field: value}),)})
+    changed = with_records(log, {"impacts": (replace(hit, **{field: value}),)})
     assert not replay_log(changed).agrees
 
 

@@ -16,6 +16,7 @@ from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.errors import InputError
 from ffsm_mj.replay import replay_log
 from ffsm_mj.report.record_tables import contact_table
+from tests.changed_logs import with_records
 from tests.replays import proved
 from tests.scenes import scene
 
@@ -352,14 +353,14 @@ def test_columns_that_do_not_follow_from_the_states(short, column, error):
 def test_records_that_do_not_follow_from_the_states(short, change):
     (sticks,) = short.records["contact_sticks"]
     records = {**short.records, "contact_sticks": (replace(sticks, **change),)}
-    assert not replay_log(replace(short, records=records)).agrees
+    assert not replay_log(with_records(short, records)).agrees
 
 
 @pytest.mark.long(one_of=2)
 @pytest.mark.parametrize("kind", ["contact_beginnings", "contact_sticks"])
 def test_records_that_are_missing(short, kind):
     """The pair begins at the state of a row, and stops within a step."""
-    again = replay_log(replace(short, records={**short.records, kind: ()}))
+    again = replay_log(with_records(short, {kind: ()}))
     assert "missing" in again.worst["impacts"].what
 
 
@@ -368,7 +369,7 @@ def test_a_force_before_a_stop_is_compared_to_what_its_state_determines(short):
     (sticks,) = short.records["contact_sticks"]
     for error, agrees in ((1e-8, True), (1e-4, False)):
         changed = replace(sticks, force_before_N=sticks.force_before_N + error)
-        assert replay_log(replace(short, records={**short.records, "contact_sticks": (changed,)})).agrees == agrees
+        assert replay_log(with_records(short, {"contact_sticks": (changed,)})).agrees == agrees
 
 
 @pytest.mark.long(one_of=2)
@@ -386,5 +387,5 @@ def test_a_logged_stop_is_one_to_the_rounding_of_its_slip(short, more_m_s, agree
     rates[:2] += more_m_s * slip[:2] / np.hypot(*slip[:2])
     qvel = {**sticks.qvel_before, "robot/free": rates.tolist()}
     changed = replace(sticks, qvel_before=qvel, qvel_after=qvel)
-    again = replay_log(replace(short, records={**short.records, "contact_sticks": (changed,)}))
+    again = replay_log(with_records(short, {"contact_sticks": (changed,)}))
     assert again.agrees == agrees, again.worst

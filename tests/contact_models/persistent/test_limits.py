@@ -12,6 +12,7 @@ import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.replay import explain, replay_log
 from ffsm_mj.replay.truncation import AnalysisLimits
+from tests.changed_logs import with_records
 from tests.contact_models.grasp.scenes import ARM as HAND
 from tests.contact_models.grasp.scenes import OFF, grasping
 from tests.contact_models.limits import DRIVEN, FLYWEIGHTS, GRIPPER, PANEL, driven_by, failures, sentences
@@ -304,7 +305,7 @@ def test_a_changed_log_is_detected(tmp_path):
         replace(first, value=first.value + 1e-8),
     ):
         records = {**log.records, "limit_beginnings": (changed, *rest)}
-        assert not replay_log(replace(log, records=records)).agrees
+        assert not replay_log(with_records(log, records)).agrees
     for column, error in (("contact.robot_left_limit_force_N", 1e-6), ("contact.robot_right_limit", -1.0)):
         rows_ = log.rows.copy()
         rows_[350, log.header.layout.index[column]] += error

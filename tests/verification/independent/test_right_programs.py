@@ -12,6 +12,7 @@ import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.verification.independent.finding import TOLERANCES
 from ffsm_mj.verification.independent.kept_rows import KeptRows, kept_rows
+from tests.changed_logs import with_records
 from tests.contact_models.grasp.scenes import closed_as_armed, grasping
 from tests.mutants import scenes
 from tests.scenes import falling_box
@@ -115,7 +116,7 @@ def test_a_changed_capture_fails_its_check(runs, field, change, name):
     else:
         value = (value[0] + change, *value[1:])
     records = log.records | {"grasp_impulses": (replace(record, **{field: value}),)}
-    assert name in failing(ffsm_mj.Run(replace(log, records=records)))
+    assert name in failing(ffsm_mj.Run(with_records(log, records)))
 
 
 HELD = [{"name": "hold", "until": "end", "controller": {"kind": "hold", "joints": ["j1", "j2"], "bandwidth_rad_s": 3.0}}]
@@ -206,7 +207,7 @@ def test_a_box_that_lands_all_but_flat_bounces(tmp_path):
 def test_events_at_one_instant_that_state_different_efforts(tmp_path):
     """A grasp closes as it is armed, and the next phase has another law: the efforts of the last record act."""
     run = ffsm_mj.run(closed_as_armed(tmp_path))
-    stated = {str(each.efforts_after) for each in run.log.events() if getattr(each, "time_s", 1.0) == 0.0}
+    stated = {str(each.efforts_after) for each in run.log.events if getattr(each, "time_s", 1.0) == 0.0}
     assert len(stated) > 1
     assert "sensor values" in independent(run)
     assert [str(check) for check in all_checks(run) if not check.passes] == []
