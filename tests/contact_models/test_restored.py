@@ -13,6 +13,7 @@ from tests.contact_models.joint_friction.scenes import rubbing
 from tests.contact_models.joint_friction.test_chains import CORD_OF_A_HAND, ROUGH_JOINTS
 from tests.contact_models.joint_friction.test_tendons import CORD, MOTORS, SWUNG
 from tests.contact_models.test_tendon_limits import swung
+from tests.mechanisms.test_grips import holding as held_by_a_linkage
 from tests.simulation.restored import goes_on, is_rest_of
 
 SCENES = {
@@ -20,6 +21,8 @@ SCENES = {
     "a hard latch": (lambda folder: docking(folder, "hinge"), 0.15),
     "a latch of a link": (catching, 0.2),
     "two grasps": (holding, 0.295),
+    "a linkage that holds a plate": (held_by_a_linkage, 0.1),
+    "a linkage that held one": (held_by_a_linkage, 0.5),
     "a taut cord": (lambda folder: swung(folder, 2e-3), 0.7),
     "a cord that sticks": (lambda folder: rubbing(folder, REACH.format(CORD, MOTORS), 4e-3, **SWUNG), 0.85),
     "a grasp by rough joints": (lambda folder: grasping(folder, robot=ROUGH_JOINTS), 1.1),

@@ -9,12 +9,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import ffsm_mj
-from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.contact_models.impact.resolution import Contact, contact_jacobian, resolve
+from ffsm_mj.contact_models.impact.resolution import Contact, contact_jacobian
 from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
 from ffsm_mj.dynamics.loops.equalities import equalities_of
-from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.errors import InputError
 from tests.mechanisms.models import four_bar, geared, mechanism, rock
@@ -40,56 +38,23 @@ def hit_wheel(folder, e, *, boost=0.0, **scenario):
     )
 
 
-@pytest.mark.parametrize("boost", [0.0, 3.0])
-def test_a_ball_hits_a_geared_wheel(tmp_path, boost):
-    """M1: both wheels and the base respond at once, as the elimination says."""
-    run = ffsm_mj.run(hit_wheel(tmp_path, 1.0, boost=boost))
+@pytest.mark.parametrize(("e", "boost"), [(1.0, 0.0), (1.0, 3.0), (0.5, 0.0)])
+def test_a_ball_hits_a_geared_wheel(tmp_path, e, boost):
+    """M1: both wheels and the base respond at once, as the elimination says; all changes are those of e = 1, shared."""
+    run = ffsm_mj.run(hit_wheel(tmp_path, e, boost=boost))
     proved(run)
     (record,) = run.records["impacts"]
-    assert record.impulse_N_s == pytest.approx(0.618700163172, abs=1e-11)
+    share = (1.0 + e) / 2.0
+    assert record.impulse_N_s == pytest.approx(0.618700163172 * share, abs=1e-11)
     after = record.qvel_after
-    assert after["robot/A"][0] == pytest.approx(-1.608940611434, abs=1e-11)
-    assert after["robot/B"][0] == pytest.approx(4.826821834303, abs=1e-11)
     base, ball = after["robot/base"], after["rock/free"]
     np.testing.assert_allclose(
-        [base[0], base[1] - boost, base[5], ball[1] - boost],
-        [0.0, -0.059788799606, -0.338043779440, 0.546750407931],
+        [after["robot/A"][0], after["robot/B"][0], base[0], base[1] - boost, base[5], ball[1] + 1.0 - boost],
+        share * np.array([-1.608940611434, 4.826821834303, 0.0, -0.059788799606, -0.338043779440, 1.546750407931]),
         rtol=0,
         atol=1e-11,
     )
-    assert record.energy_change_J == pytest.approx(0.0, abs=1e-12)
-
-
-def test_half_of_the_restitution(tmp_path):
-    run = ffsm_mj.run(hit_wheel(tmp_path, 0.5))
-    proved(run)
-    (record,) = run.records["impacts"]
-    assert record.impulse_N_s == pytest.approx(0.464025122379, abs=1e-11)
-
-
-def test_an_impact_without_the_rows_would_tear_the_gears(tmp_path):
-    """The control: impulse .520763 in place of .618700, and a rate of the coupling of -10.9 rad/s."""
-    assembly = prepare(hit_wheel(tmp_path, 1.0)).assemble()
-    model, data = assembly.system.mj, assembly.data
-    bodies = [model.body(name).id for name in ("robot/A", "rock/rock")]
-    contact = Contact(*bodies, np.array([0.45, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]), 1.0, 0.0)
-    loops = ClosedLoops(model, data, [each.source for each in equalities_of(model)])
-    free, held = resolve(model, data, [contact]), resolve(model, data, [contact], constrained=loops.projected)
-    assert held.impulses[0] == pytest.approx(0.618700163172, abs=1e-12)
-    assert free.impulses[0] == pytest.approx(0.520763, abs=1e-6)
-    assert float((loops.rows().J @ free.after.qvel)[0]) == pytest.approx(-10.9, abs=0.05)
-    assert abs(float((loops.rows().J @ held.after.qvel)[0])) < 1e-12
-    # The impulse of the row is what stops it after the same impulse of the contact on the free tree.
-    across, before = contact_jacobian(model, data, contact), data.qvel.copy()
-    data.qvel[:] += np.linalg.solve(mass_matrix(model, data), across) * held.impulses[0]
-    row = loops.plastic()
-    assert abs(row.impulses[0]) == pytest.approx(0.017955112219, abs=1e-12)
-    np.testing.assert_allclose(data.qvel + row.change, held.after.qvel, rtol=0, atol=1e-12)
-    # Stopped after an impact without it, it would take energy, and restitution.
-    data.qvel[:] = free.after.qvel
-    late = loops.plastic()
-    assert late.loss_J == pytest.approx(0.082, abs=5e-4)
-    assert across @ (data.qvel + late.change) / (across @ before) == pytest.approx(-0.68, abs=5e-3)
+    assert e < 1.0 or record.energy_change_J == pytest.approx(0.0, abs=1e-12)
 
 
 ANGLE = 1.555752341392
@@ -142,13 +107,6 @@ def test_a_ball_hits_the_rocker_of_a_four_bar_linkage(tmp_path):
     _, pin, torque = loops.wrench(0, loops.plastic().impulses)
     np.testing.assert_allclose(np.abs(pin), [0.191154723843, 0.036378008942, 0.0], rtol=0, atol=1e-10)
     assert np.abs(torque).max() == 0.0
-
-
-def test_the_checks_see_loops_that_do_not_react(tmp_path, monkeypatch):
-    """The projection of the next step closes them, and the balance takes its energy: by MuJoCo's rows alone it is seen."""
-    monkeypatch.setattr(Motion, "constrained", lambda _, J: J)
-    run = ffsm_mj.run(hit_rocker(tmp_path, 0.6))
-    assert {check.name for check in all_checks(run) if not check.passes} == {"equality constraints", "energy of projections"}
 
 
 def test_a_linkage_of_an_object_is_hit(tmp_path):
@@ -265,16 +223,6 @@ def test_maps_and_derivatives_of_mechanisms_are_refused(tmp_path):
     # The impulse is proportional to the speed of the ball.
     found = ffsm_mj.sensitivity(run, ["impacts.0.impulse_N_s"], rate)
     assert abs(found.derivative[0, 0]) == pytest.approx(0.464025122379, rel=1e-6)
-
-
-@pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
-def test_friction_at_an_impact_of_a_mechanism(tmp_path, e):
-    """Along the ball and across: the checks with friction know the coupling."""
-    path = hit_wheel(tmp_path, e, duration_s=0.3)
-    path.write_text(path.read_text().replace(f'"restitution": {e!r}', f'"restitution": {e!r}, "mu": 0.3'))
-    run = ffsm_mj.run(path)
-    proved(run)
-    assert run.records["impacts"][0].mu == 0.3
 
 
 def test_a_limit_inside_a_closed_loop(tmp_path):

@@ -131,25 +131,6 @@ def test_a_path_of_a_geared_joint_is_followed(tmp_path):
     assert last(run, "q_robot_disc_rad")[0] == pytest.approx(4.0 * last(run, "q_robot_elbow_rad")[0], abs=1e-11)
 
 
-def test_osdre_brings_the_tip_of_a_mechanism_to_its_target(tmp_path):
-    """By the reduced model; with that of the tree the disc would be unknown inertia."""
-    law = {"kind": "osdre", "Q": [50, 50, 8, 8], "R": [0.1, 0.1]}
-    run = ffsm_mj.run(
-        mechanism(
-            tmp_path,
-            tow(),
-            {"shoulder": 0.4, "elbow": 0.6},
-            {},
-            task={"tip": "tip", "axes": ["x", "y"], "target_m": [0.7, 0.4]},
-            phases=[{"name": "reach", "until": "end", "controller": law}],
-            control_period_s=0.01,
-            duration_s=6.0,
-        )
-    )
-    proved(run)
-    assert float(run["controller.osdre_error_m"][-1]) < 5e-3
-
-
 def test_a_state_is_predicted_with_the_rows(tmp_path):
     """By the motion of a run: the row stays closed."""
     system, data = at_start(tmp_path, four_bar(), {"crank": math.pi / 3}, {"crank": 2.0})

@@ -6,15 +6,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from ffsm_mj._core.mechanisms import LoadSample
-from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.contact_models.grasp import loops as loop_forces
 from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
 from ffsm_mj.dynamics.loops.equalities import equalities_of
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.projection import no_contacts, project
 from ffsm_mj.tolerances import MECHANISM_RANK
-from tests.mechanisms.models import CHAIN, mechanism
+from tests.mechanisms.models import CHAIN
 
 TREE = """<mujoco><option gravity="0 0 0"/><worldbody>
 <body name="b"><freejoint/><geom size=".1" mass="3"/><site name="s0" pos=".2 .1 .3" euler="20 30 40"/>
@@ -90,7 +87,7 @@ def curve(z):
     return 0.05 + 0.8 * z - 0.3 * z**2 + 0.2 * z**3 - 0.1 * z**4, 0.8 - 0.6 * z + 0.6 * z**2 - 0.4 * z**3
 
 
-def chain(step_s, *, gamma=True):
+def chain(step_s):
     """M2 after 1 s, without projection: positions, joints, rates, and the error of the row."""
     model = mujoco.MjModel.from_xml_string(CHAIN)
     model.opt.timestep = step_s
@@ -111,15 +108,7 @@ def chain(step_s, *, gamma=True):
 
     def push(data):
         force = data.qfrc_passive - data.qfrc_bias + data.qfrc_applied
-        if gamma:
-            data.qfrc_applied[:] += loops.generalised(force)
-        else:
-            rows = loops.weighted()
-            M = np.zeros((model.nv, model.nv))
-            mujoco.mj_fullM(model, data, M)
-            B = rows.rows
-            lam = np.linalg.solve(B @ np.linalg.solve(M, B.T), -B @ np.linalg.solve(M, force))
-            data.qfrc_applied[:] += lam @ B
+        data.qfrc_applied[:] += loops.generalised(force)
 
     motion.push_with([torques], [push])
     for _ in range(round(1.0 / step_s)):
@@ -136,13 +125,6 @@ def test_a_joint_that_follows_a_polynomial_in_space():
         assert drift < 1e-8
     assert errors[1] < 1e-10
     assert errors[0] / errors[1] == pytest.approx(16.0, rel=0.4)
-
-
-def test_rows_without_their_rates_would_let_the_joint_go():
-    """With gamma = 0 rates off by .28 and an error of .58."""
-    *_, rates, drift = chain(4e-3, gamma=False)
-    assert np.abs(rates - RATES).max() > 0.2
-    assert drift > 0.5
 
 
 def test_references_count():
@@ -167,18 +149,3 @@ def test_a_state_beside_the_constraints_is_projected_onto_them(rng):
     project(motion, lambda: no_contacts(model.nv), np.ones(6, dtype=np.bool_), np.empty((0, 6)))
     assert np.abs(motion.loops.errors()).max() < 1e-12  # one step of Newton's method squares the error
     assert np.abs(motion.loops.rows().J @ data.qvel).max() < 1e-13
-
-
-@pytest.mark.parametrize(("strip", "expected"), [([], {"ClosedLoops", "LoadSample"}), (["equalities"], set())])
-def test_without_constraints_nothing_is_built_or_evaluated(tmp_path, monkeypatch, strip, expected):
-    """A run of the same model without its rows has neither rows nor samples of their loads."""
-    built = set()
-
-    def noted(kind):
-        return lambda *parts, **options: built.add(kind.__name__) or kind(*parts, **options)
-
-    for kind in (ClosedLoops, LoadSample):
-        monkeypatch.setattr(loop_forces, kind.__name__, noted(kind))
-    path = mechanism(tmp_path, CHAIN, {}, {"j1": 0.2}, duration_s=0.02)
-    assert prepare(path, {"robot.strip": strip}).run().outcome == "completed"
-    assert built == expected
