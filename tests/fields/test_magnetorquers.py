@@ -166,6 +166,22 @@ def test_the_field_is_that_of_each_stage(tmp_path, monkeypatch, frozen, order):
     assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.2), errors
 
 
+def test_dipoles_that_change_act_from_their_tick_on(tmp_path):
+    """A heavy body in a uniform field: its angular impulse is the sum of m x B h over the ticks, delays of half a tick too."""
+    dipoles = np.random.default_rng(5).uniform(-40.0, 40.0, (20, 2))
+    lines = ["time_s,x_A_m2,y_A_m2", *(f"{0.1 * k!r},{m!r},{n!r}" for k, (m, n) in enumerate(dipoles.tolist()))]
+    (tmp_path / "dipoles.csv").write_text("\n".join(lines))
+    heavy = craft((1e9, 1e9, 1e9)).replace('quat="0.9 0.1 -0.2 0.3"', "").replace('euler="20 -30 40"', "")
+    phases = [{"name": "torque", "until": "end", "controller": {"kind": "playback", "file": "dipoles.csv"}}]
+    actuators = {"x": TORQUERS["x"], "y": TORQUERS["y"] | {"delay_s": 0.05}}
+    run = torqued(tmp_path, (), robot=heavy, phases=phases, actuators=actuators)
+    assert not failing(run)
+    total = 0.1 * dipoles.sum(axis=0)
+    total[1] -= 0.05 * dipoles[-1, 1]
+    impulse = of(run, "balance.field_on_robot_L", ending="_N_m_s")
+    np.testing.assert_allclose(impulse, np.cross([*total, 0.0], FIELD), rtol=0.0, atol=1e-15)
+
+
 def test_magnetorquers_of_arm_and_object_in_a_grasp(tmp_path):
     """A ball with coils is caught by a hand with coils, held and let go; each has its own entries, and a replay agrees."""
     actuators = {

@@ -381,3 +381,36 @@ def orbits(folder: Path) -> Path:
         contacts={"rules": [{"between": ["ball/ball", "far/far"], "restitution": 0.5, "name": "far"}]},
         phases=[{"name": "meet", "until": "end", "arm": ["grasp"], "controller": law}],
     )
+
+
+def coils(folder: Path) -> Path:
+    """In low orbit magnetorquers turn a tumbling box, which sees stars, nadir and the magnetic field."""
+    robot = box("box", mass=5.0, half="0.2 0.2 0.2", inertia="0.1 0.12 0.15", site=f'pos="20 30 -25" {_FRAME}')
+    coils = {f"coil_{axis}": {"kind": "magnetorquer", "site": "handle", "axis": axis} for axis in "xy"}
+    sensors = {"stars": {"kind": "startracker", "axes": "eci"}, "nadir": {"kind": "horizon"}, "field": {"kind": "magnetometer"}}
+    return scene(
+        folder,
+        robot,
+        {},
+        environment={
+            "orbit": {"altitude_km": 400.0, "inclination_deg": 97.0, "raan_deg": 40.0, "argument_of_latitude_deg": 25.0},
+            "epoch": "2027-03-01T12:00:00Z",
+            "magnetic_field": {"kind": "dipole"},
+        },
+        duration_s=0.3,
+        time_step_s=2e-3,
+        control_period_s=4e-3,
+        initial={
+            "joints": {"robot/free": [0.0, 0.0, 0.0, *TURN]},
+            "rates": {"robot/free": [0.0, 0.0, 0.0, 0.1, -0.1, 0.2]},
+        },
+        sensors={name: keys | {"of": "handle"} for name, keys in sensors.items()},
+        actuators={name: keys | {"max_dipole_A_m2": 100.0} for name, keys in coils.items()},
+        phases=[
+            {
+                "name": "turn",
+                "until": "end",
+                "controller": _played(folder, coil_x_A_m2=lambda _: 80.0, coil_y_A_m2=lambda _: -50.0),
+            }
+        ],
+    )
