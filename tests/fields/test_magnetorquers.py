@@ -167,7 +167,7 @@ def test_the_field_is_that_of_each_stage(tmp_path, monkeypatch, frozen, order):
 
 
 def test_dipoles_that_change_act_from_their_tick_on(tmp_path):
-    """A heavy body in a uniform field: its angular impulse is the sum of m x B h over the ticks, delays of half a tick too."""
+    """A heavy body in a uniform field: the angular impulse is the sum of m x B h, with a delay of half a tick too."""
     dipoles = np.random.default_rng(5).uniform(-40.0, 40.0, (20, 2))
     lines = ["time_s,x_A_m2,y_A_m2", *(f"{0.1 * k!r},{m!r},{n!r}" for k, (m, n) in enumerate(dipoles.tolist()))]
     (tmp_path / "dipoles.csv").write_text("\n".join(lines))

@@ -387,7 +387,11 @@ def coils(folder: Path) -> Path:
     """In low orbit magnetorquers turn a tumbling box, which sees stars, nadir and the magnetic field."""
     robot = box("box", mass=5.0, half="0.2 0.2 0.2", inertia="0.1 0.12 0.15", site=f'pos="20 30 -25" {_FRAME}')
     coils = {f"coil_{axis}": {"kind": "magnetorquer", "site": "handle", "axis": axis} for axis in "xy"}
-    sensors = {"stars": {"kind": "startracker", "axes": "eci"}, "nadir": {"kind": "horizon"}, "field": {"kind": "magnetometer"}}
+    sensors = {
+        "stars": {"kind": "startracker", "axes": "eci"},
+        "nadir": {"kind": "horizon"},
+        "field": {"kind": "magnetometer"},
+    }
     return scene(
         folder,
         robot,
