@@ -20,6 +20,7 @@ the sign test, 2^(1 - n), is above 1 - CONFIDENCE for fewer."""
 _MOST_PAIRS = 3
 """Pairs of variants whose differences are told: more are in a table only."""
 _ROUNDING = 1e-12
+"""Relative difference that is rounding of another processor, not one of the variants."""
 
 
 @dataclass(frozen=True)

@@ -263,6 +263,7 @@ def _can_be_applied(effect: ValueOperation, width: int) -> bool:
 
 
 _MOST_ROWS = 10_000_000
+"""A design is one list in memory, and one file: some gigabytes."""
 
 
 def sample_design(

@@ -26,7 +26,7 @@ from ffsm_mj.module_path import importable_elsewhere, without_current_folder
 Result = TypeVar("Result")
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 _ANSWER_S = 10
-"""Timeout of the connection to a Dask scheduler, s."""
+"""Timeout of the connection to a Dask scheduler, s: one that is busy answers between two tasks of some milliseconds."""
 
 
 @dataclass(frozen=True)
@@ -214,7 +214,7 @@ class Processes(ThreadPoolExecutor):
             self._pools.remove(pool)
             self._add()
             raise WorkerLostError from error
-        except BaseException:
+        except BaseException:  # of the function, or the executor shuts down: the process is fine
             self._idle.put(pool)
             raise
         self._idle.put(pool)
@@ -243,6 +243,7 @@ def _begin_worker() -> None:
 
 
 def _end_with_driver() -> None:
+    # A driver that is killed cannot end its workers, and nothing tells a process that waits for work that nobody is left.
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
@@ -261,6 +262,7 @@ class _Process(SpawnProcess):
     @staticmethod
     def _Popen(process_obj: Any) -> Any:
         with _STARTING:
+            # multiprocessing imports the main module of the parent in a child to find what was pickled from it.
             main = sys.modules["__main__"]
             sys.modules["__main__"] = ModuleType("__main__")
             try:

@@ -122,6 +122,7 @@ def functions_of(metrics: Metrics) -> dict[str, Callable[[Run], Any]]:
 @lru_cache(maxsize=4)
 def _module(file: str, text: str) -> ModuleType:
     """Module of a file, executed once per process and content."""
+    # Named by its content: a worker may serve two campaigns whose files have the same name.
     module = ModuleType(f"ffsm_metrics_{hashlib.sha256(text.encode()).hexdigest()[:12]}")
     module.__file__ = file
     linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)  # tracebacks show its lines
@@ -321,6 +322,7 @@ def columns_of(
     names: Sequence[str], script: Mapping[str, Callable[[Run], Any]] = MappingProxyType({})
 ) -> tuple[str, ...] | None:
     """Columns that metrics need; None: all, because one of them does not declare its columns."""
+    # What no metric needs is not kept: rows of 300 columns at 1 kHz are 2.4 MB per second of simulation, in every worker.
     needed: list[str] = []
     for name in names:
         function = script.get(name) or plugin_metrics().get(name)

@@ -54,7 +54,9 @@ def mean_text(values: FloatArray) -> str:
 
 
 _RESAMPLES = 10_000
+"""Of these 250 lie beyond each end of a 95 % interval, which is known to 1 / sqrt(250), 6 % of that probability."""
 _BLOCK = 500
+"""Resamples at once: of 4096 values they take 16 MB."""
 _MOST_RESAMPLED = 4096
 """Largest number of values that are resampled: the jackknife of the bootstrap takes a time of order n^2. Beyond, the
 skewness s shifts an end by s (1 + 2 z^2) / (6 sqrt(n)) standard errors (z = 1.96), below 0.05 for s = 2, an exponential
@@ -166,7 +168,8 @@ def intervals(results: Results, what: str) -> dict[int, Estimate]:
 NO_SUCCESS = "no success"
 """Group of completed runs that pass their checks but do not meet the success condition."""
 _LEAST = 5
-"""Smallest number of runs on either side for a comparison."""
+"""Smallest number of runs on either side for a comparison: 5 of 10 runs have a p-value of 0.008 at the least, 4 of 8 one of
+0.03, which Holm's correction for two parameters makes insignificant."""
 
 
 @dataclass(frozen=True)
@@ -254,7 +257,9 @@ def holm(probabilities: Sequence[float]) -> list[float]:
 
 
 _BOOTSTRAPS = 999
+"""Of these 25 lie beyond each end of a 95 % interval: enough for the two digits that are printed."""
 _LEAST_POINTS = 8
+"""Below, resamples of the points repeat a few of them, and the intervals say nothing."""
 LEAST_RANKED = 10
 """Smallest number of runs for a rank correlation: of 10 independent pairs 5 % have one above 0.65 in magnitude."""
 

@@ -95,6 +95,7 @@ _KEY_UNIT = re.compile(r"_(m|kg|s|rad|N|N_m|rad_s|m_s|Hz|kg_m2)(\.\d+)?$")
 _SMALL = {"m": ("mm", 1e-3), "rad": ("mrad", 1e-3), "m/s": ("mm/s", 1e-3), "rad/s": ("mrad/s", 1e-3), "kg": ("g", 1e-3)}
 """Units in which small values read well, by unit."""
 _MOST_SMALL = 0.1
+"""Below this in the unit of the key a value is written in the smaller one: 99 mm, 0.1 m."""
 
 
 @dataclass(frozen=True)

@@ -59,7 +59,7 @@ class Job:
     timeout_s: float = 0.0
     classes: ScriptClasses = field(default_factory=ScriptClasses)
     exclusive_process: bool = True
-    grace_s: float = 5.0
+    grace_s: float = 5.0  # a step in Python ends well within this time, and then looks at the clock
     truncated: str = COUNT
 
 
@@ -230,7 +230,10 @@ def processor() -> str:
 
 
 TOLERANCE = 1e-6
-"""Allowed difference from a row of another processor or other versions, times max(1, |x|) for a number x."""
+"""Allowed difference from a row of another processor or other versions, times max(1, |x|) for a number x.
+
+Rounding grows by a factor at each impact: a run with so many that it differs by more is not reproducible elsewhere.
+"""
 _RESIDUALS = ("checks.", "excess.", "drift", "conservation.", "deepest_overlap_m")
 """Metrics that are rounding errors, which differ between processors."""
 

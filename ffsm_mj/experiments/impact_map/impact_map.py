@@ -24,7 +24,7 @@ from ffsm_mj.records.signals import identifier
 from ffsm_mj.tolerances import CONTACT_GAP_M
 
 _FAR_M = 10.0
-"""Distances are computed up to this."""
+"""Distances are computed up to this: beyond the reach of arms, as an optimisation needs the distance of pairs far apart."""
 
 Geoms = tuple[int, int]
 
@@ -64,6 +64,8 @@ class Overlaps:
 _TRUST = 1.0
 """Largest displacement of a joint, rad or m, before the coordinates of an optimisation are centred again."""
 _ROUNDS, _ITERATIONS = 8, 25
+"""Rounds of optimisation, which together reach any angle with steps of 1 rad, and iterations of one: SLSQP converges faster
+than linearly, and what a round leaves the next one does."""
 _SETTLED = 1e-9
 """Improvement of a round, as a share of the effect at the start, below which an optimisation ends."""
 _RANK = 1e-9
@@ -71,6 +73,7 @@ _RANK = 1e-9
 _CLEARANCE_M = 1e-6
 """Distance that an optimisation keeps between geoms that would overlap."""
 _MOST_REPAIRS = 3
+"""Further optimisations, each with the overlaps of the one before kept apart: a start that still overlaps is given up."""
 
 
 @dataclass(frozen=True)

@@ -242,6 +242,8 @@ HOLDS: tuple[Hold, ...] = ("com", "base", "nothing")
 REACHED = 1e-12
 """Largest residual of a configuration that reaches the contact, m and 1: rounding of positions of some metres."""
 _MOST_STEPS, _LARGEST_STEP = 60, 1.0
+"""Steps of Gauss-Newton, which converges quadratically near a solution, and the largest of a joint, rad or m: far from one
+the linearization is no guide beyond it. Sixty are several turns of every joint."""
 _SCALAR = ("hinge", "slide")
 _NO_BOUNDS: Mapping[str, Sequence[float]] = MappingProxyType({})
 
