@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import math
 import posixpath
+import struct
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from functools import cache
@@ -34,6 +35,15 @@ STATE_TOPIC, STATE_ENCODING = "/ffsm/state", "ffsm-state"
 SIGNALS_METADATA = "ffsm.signals"
 RUN_METADATA = "ffsm.run"
 SCENARIO_ATTACHMENT = "scenario.yaml"
+RECORD_HEAD = struct.Struct("<BQ")
+"""Head of a record of MCAP: opcode, and length of what follows."""
+MESSAGE_HEAD = np.dtype(
+    {
+        "names": ["opcode", "length", "channel", "sequence", "log_time", "publish_time"],
+        "formats": ["u1", "<u8", "<u2", "<u4", "<u8", "<u8"],
+    }
+)
+"""Head of a record with a message."""
 
 _Field = descriptor_pb2.FieldDescriptorProto
 

@@ -24,7 +24,7 @@ from ffsm_mj.contact_models.registry import contact_models
 from ffsm_mj.errors import LogError, one_line
 from ffsm_mj.log import limits
 from ffsm_mj.log.mcap import format as form
-from ffsm_mj.log.mcap.salvage import MESSAGE_HEAD, UNREADABLE, Batch, LogFile, opened
+from ffsm_mj.log.mcap.salvage import UNREADABLE, Batch, LogFile, opened
 from ffsm_mj.log.sampling import Sampling
 from ffsm_mj.records.events import OutcomeRecord
 from ffsm_mj.records.kinds import RecordKind, kind_of, kinds
@@ -161,7 +161,7 @@ class _Contents:
             raise LogError(path, fault)
         try:
             layout = form.layout_of_schema(self._schemas[channel.schema_id], metadata.get(form.SIGNALS_METADATA, {}))
-            size = MESSAGE_HEAD + form.SampleCodec(layout).message_size
+            size = form.MESSAGE_HEAD.itemsize + form.SampleCodec(layout).message_size
             if any(batch.size != size for batch in self.samples):
                 raise ValueError("the size of a sample does not follow from its schema")
             # Sizes are verified for all samples now; a long log is decoded only when its rows are used.

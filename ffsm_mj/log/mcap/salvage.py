@@ -26,6 +26,7 @@ from mcap.stream_reader import StreamReader, get_chunk_data_stream
 
 from ffsm_mj.errors import LogError
 from ffsm_mj.log import limits
+from ffsm_mj.log.mcap.format import MESSAGE_HEAD, RECORD_HEAD
 
 MAGIC = b"\x89MCAP0\r\n"
 UNREADABLE = (
@@ -33,9 +34,6 @@ UNREADABLE = (
     *(ArithmeticError, LookupError, ValueError, MemoryError),
 )
 """What reading damaged bytes may raise."""
-_RECORD = struct.Struct("<BQ")  # opcode and length of what follows
-_MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, two times
-MESSAGE_HEAD = _RECORD.size + _MESSAGE.size
 _USED = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.METADATA, Opcode.DATA_END}
 # Bytes in every chunk that ffsm-mj writes, after opcode, length, two times, size and checksum.
 _CHUNK_MARK, _CHUNK_MARK_AT = b"\x04\x00\x00\x00zstd", 9 + 8 + 8 + 8 + 4
@@ -65,7 +63,7 @@ class Batch:
     def messages(self, content: bytes) -> npt.NDArray[np.uint8]:
         """The messages, (count, bytes of one), given the content of the chunk."""
         table = np.frombuffer(content, dtype=np.uint8, count=self.size * self.count, offset=self.at)
-        return table.reshape(self.count, self.size)[:, MESSAGE_HEAD:]
+        return table.reshape(self.count, self.size)[:, MESSAGE_HEAD.itemsize :]
 
 
 @contextmanager
@@ -156,10 +154,10 @@ class LogFile:
 
     def _end(self, at: int) -> int | None:
         """End of the record at a position; None if there is no record or it extends beyond the file."""
-        if at + _RECORD.size > self.size:
+        if at + RECORD_HEAD.size > self.size:
             return None
-        opcode, length = _RECORD.unpack(self._take(at, at + _RECORD.size))
-        end = at + _RECORD.size + int(length)
+        opcode, length = RECORD_HEAD.unpack(self._take(at, at + RECORD_HEAD.size))
+        end = at + RECORD_HEAD.size + int(length)
         return end if Opcode.HEADER <= opcode <= Opcode.DATA_END and end <= self.size else None
 
     def _read(self, at: int, end: int) -> list[Any] | None:
@@ -168,7 +166,7 @@ class LogFile:
         if opcode not in _USED:
             return []
         data = self._take(at, min(end, at + limits.RECORD_BYTES))
-        if opcode == Opcode.ATTACHMENT and zlib.crc32(data[_RECORD.size : -4]) != int.from_bytes(data[-4:], "little"):
+        if opcode == Opcode.ATTACHMENT and zlib.crc32(data[RECORD_HEAD.size : -4]) != int.from_bytes(data[-4:], "little"):
             return None
         try:
             record = _record(data)
@@ -192,7 +190,7 @@ class LogFile:
 
     def _summary(self, data_end: int, start: int) -> Iterator[Any]:
         """Schemas and channels of the summary section, if its checksum matches; all bytes are read again for checksums."""
-        stated = int.from_bytes(self._take(data_end + _RECORD.size, start), "little")
+        stated = int.from_bytes(self._take(data_end + RECORD_HEAD.size, start), "little")
         self.data_match = stated in {0, self._checksum(0, data_end)}
         checksum = self.size - len(MAGIC) - 4
         self.index_match = self._take(checksum + 4, self.size) == MAGIC and (
@@ -245,16 +243,16 @@ def _records_in(content: bytes, chunk: tuple[int, int]) -> Iterator[Batch | Chan
         parts += 1
         if parts > limits.CHUNK_PARTS:
             raise ValueError("too many records")
-        opcode, length = _RECORD.unpack_from(content, at)
-        size = _RECORD.size + length
+        opcode, length = RECORD_HEAD.unpack_from(content, at)
+        size = RECORD_HEAD.size + length
         if at + size > len(content):
             raise ValueError("a record extends beyond the chunk")
         count = 1
         if opcode == Opcode.MESSAGE:
-            channel, _, first_ns, _ = _MESSAGE.unpack_from(content, at + _RECORD.size)
             count = _equal_records(content, at, size)
-            last_ns = _MESSAGE.unpack_from(content, at + size * (count - 1) + _RECORD.size)[2]
-            yield Batch(chunk, channel, at, size, count, (first_ns, last_ns))
+            first, last = (np.frombuffer(content, MESSAGE_HEAD, 1, at + size * i)[0] for i in (0, count - 1))
+            times_ns = int(first["log_time"]), int(last["log_time"])
+            yield Batch(chunk, int(first["channel"]), at, size, count, times_ns)
         elif opcode in {Opcode.CHANNEL, Opcode.SCHEMA}:
             yield _record(content[at : at + size])
         at += size * count
@@ -262,7 +260,7 @@ def _records_in(content: bytes, chunk: tuple[int, int]) -> Iterator[Batch | Chan
 
 def _equal_records(content: bytes, at: int, size: int) -> int:
     """Number of consecutive records with the opcode, length and channel of the first; searched with doubling steps."""
-    head = np.frombuffer(content, dtype=np.uint8, count=_RECORD.size + 2, offset=at)
+    head = np.frombuffer(content, dtype=np.uint8, count=RECORD_HEAD.size + 2, offset=at)
     # A block of rows is thousands of equal records. Doubling the step compares them in few numpy calls without reading far
     # beyond the end of a short batch.
     count, step = 1, 1

@@ -20,24 +20,13 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import LogWriteError
 from ffsm_mj.log.foxglove import Packet, ViewerTopics, descriptor_set
 from ffsm_mj.log.mcap import format as form
-from ffsm_mj.log.mcap.format import encode_record, nanoseconds, record_schema
+from ffsm_mj.log.mcap.format import MESSAGE_HEAD, RECORD_HEAD, encode_record, nanoseconds, record_schema
 from ffsm_mj.log.recorder import Sink
 from ffsm_mj.log.run_folder import PartialFile
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.kinds import kind_of, kinds_of
 from ffsm_mj.records.run_log import RunHeader
-
-_HEADER = np.dtype(
-    [
-        ("opcode", "u1"),
-        ("length", "<u8"),
-        ("channel", "<u2"),
-        ("sequence", "<u4"),
-        ("log_time", "<u8"),
-        ("publish_time", "<u8"),
-    ]
-)
 
 
 class _BlockIndex(MessageIndex):
@@ -62,12 +51,12 @@ class BlockWriter(Writer):
     def add_block(self, channel: int, times_ns: npt.NDArray[np.int64], messages: npt.NDArray[np.uint8]) -> None:
         """Add messages, (n, bytes of one), with their log times in ascending order, (n,)."""
         count, size = messages.shape
-        records = np.empty((count, _HEADER.itemsize + size), dtype=np.uint8)
-        header = np.zeros(count, dtype=_HEADER)
-        header["opcode"], header["length"] = Opcode.MESSAGE, records.shape[1] - 9
+        records = np.empty((count, MESSAGE_HEAD.itemsize + size), dtype=np.uint8)
+        header = np.zeros(count, dtype=MESSAGE_HEAD)
+        header["opcode"], header["length"] = Opcode.MESSAGE, records.shape[1] - RECORD_HEAD.size
         header["channel"], header["log_time"], header["publish_time"] = channel, times_ns, times_ns
-        records[:, : _HEADER.itemsize] = header.view(np.uint8).reshape(count, -1)
-        records[:, _HEADER.itemsize :] = messages
+        records[:, : MESSAGE_HEAD.itemsize] = header.view(np.uint8).reshape(count, -1)
+        records[:, MESSAGE_HEAD.itemsize :] = messages
         self._count(channel, times_ns.tolist(), records.shape[1])
         self._chunk.record_writer.write(records.data)
         self._Writer__maybe_finalize_chunk()  # type: ignore[attr-defined]
