@@ -251,11 +251,8 @@ def _indices(results: Results, metric: str) -> list[str]:
         indices = sobol_indices(results, metric)
     except ValueError as reason:
         return [code(metric), str(reason), *[""] * (len(results.parameters) - 1)]
-    cells = [
-        f"{column.first:.2f} ({column.first_interval[0]:.2f} to {column.first_interval[1]:.2f}), "
-        f"total {column.total:.2f} ({column.total_interval[0]:.2f} to {column.total_interval[1]:.2f})"
-        for column in indices
-    ]
+    texts = [[f"{index.value:.2f} ({index.low:.2f} to {index.high:.2f})" for index in pair] for pair in indices.values()]
+    cells = [f"{first}, total {total}" for first, total in texts]
     return [code(metric), *cells]
 
 
@@ -270,7 +267,7 @@ def _not_good(results: Results) -> Iterator[str]:
     ]
     yield markdown_table(("reason", "last phase", "number", "runs", "message of the first"), rows)
     differing = parameter_differences(results)
-    if not differing:
+    if differing.empty:
         yield "Too few runs on one side for a comparison of their parameters."
         return
     yield (
@@ -280,8 +277,8 @@ def _not_good(results: Results) -> Iterator[str]:
     yield markdown_table(
         ("parameter", "distance", "p-value"),
         (
-            [code(difference.parameter), f"{difference.statistic:.2f}", f"{difference.probability:.2g}"]
-            for difference in differing
+            [code(str(name)), f"{statistic:.2f}", f"{probability:.2g}"]
+            for name, statistic, probability in differing.itertuples()
         ),
     )
 

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.experiments.results import GOOD, SUCCESS, Results, TableRow, finite, numbers, passed
 from ffsm_mj.report.markdown import number, percent
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 CONFIDENCE = 0.95
 
@@ -213,46 +216,34 @@ def _how(row: TableRow) -> str:
     return f"{row['outcome']} ({error})" if error else str(row["outcome"])
 
 
-@dataclass(frozen=True)
-class ParameterDifference:
-    """Difference of a parameter's distribution between good and other runs.
+def parameter_differences(results: Results) -> DataFrame:
+    """Differences between good and other runs by parameter, the smallest p-value first.
 
-    Attributes:
-        parameter: Column of the parameter.
-        statistic: Kolmogorov-Smirnov statistic: largest distance of the two distribution functions, 0 to 1.
-        probability: p-value, corrected for the number of parameters (Holm).
+    Returns:
+        By parameter ``statistic``, that of Kolmogorov and Smirnov, the largest distance of the two distribution functions,
+        and ``probability``, the p-value corrected for the number of parameters; empty if there are too few runs on either
+        side.
     """
-
-    parameter: str
-    statistic: float
-    probability: float
-
-
-def parameter_differences(results: Results) -> list[ParameterDifference]:
-    """Differences by parameter, the smallest p-value first; empty if there are too few runs on either side."""
+    import pandas as pd  # slow to import
     from scipy.stats import ks_2samp  # slow to import
 
     good = results.sample[GOOD].to_numpy(np.bool_)
-    statistics = []
+    compared: dict[str, tuple[float, float]] = {}
     for parameter in results.parameters:
         values = numbers(results.sample, parameter)
         sides = [values[side & np.isfinite(values)] for side in (good, ~good)]
         if min(map(len, sides)) >= _LEAST:
-            compared = ks_2samp(*sides)
-            statistics.append((parameter, float(compared.statistic), float(compared.pvalue)))
-    corrected = holm([probability for *_, probability in statistics])
-    shifted = [ParameterDifference(name, distance, p) for (name, distance, _), p in zip(statistics, corrected, strict=True)]
-    return sorted(shifted, key=lambda difference: (difference.probability, -difference.statistic))
+            compared[parameter] = tuple(ks_2samp(*sides))
+    frame = pd.DataFrame.from_dict(compared, orient="index", columns=["statistic", "probability"])
+    frame = frame.assign(probability=holm(frame["probability"].to_numpy(np.float64)))
+    return frame.sort_values(["probability", "statistic"], ascending=[True, False])
 
 
-def holm(probabilities: Sequence[float]) -> list[float]:
-    """p-values with Holm's correction, which bounds the probability of any false positive."""
-    order = sorted(range(len(probabilities)), key=lambda i: probabilities[i])
-    corrected = [1.0] * len(probabilities)
-    greatest = 0.0
-    for rank, i in enumerate(order):
-        greatest = max(greatest, min(1.0, (len(probabilities) - rank) * probabilities[i]))
-        corrected[i] = greatest
+def holm(probabilities: FloatArray) -> FloatArray:
+    """p-values with Holm's correction, which bounds the probability of any false positive, (n,)."""
+    order, corrected = np.argsort(probabilities, kind="stable"), np.empty(len(probabilities))
+    falling = np.arange(len(order), 0, -1)
+    corrected[order] = np.minimum(np.maximum.accumulate(probabilities[order] * falling), 1.0)
     return corrected
 
 
@@ -280,42 +271,23 @@ def rank_correlation(results: Results, parameter: str, metric: str) -> float | N
     return float(spearmanr(x, y).statistic)
 
 
-@dataclass(frozen=True)
-class SobolIndices:
-    """Sobol indices of one parameter with bootstrap confidence intervals.
+def sobol_indices(results: Results, metric: str) -> dict[str, tuple[Estimate, Estimate]]:
+    """Sobol indices from a Saltelli design, with bootstrap intervals.
 
-    Attributes:
-        parameter: Column of the parameter.
-        first: First-order index: fraction of the variance due to the parameter alone.
-        first_interval: Confidence interval of ``first``.
-        total: Total index: fraction of the variance that remains if all other parameters are fixed.
-        total_interval: Confidence interval of ``total``.
-    """
-
-    parameter: str
-    first: float
-    first_interval: tuple[float, float]
-    total: float
-    total_interval: tuple[float, float]
-
-
-def sobol_indices(results: Results, metric: str) -> list[SobolIndices]:
-    """Sobol indices from a Saltelli design.
+    Returns:
+        By parameter the first-order index, the fraction of the variance due to the parameter alone, and the total index,
+        the fraction that remains if all other parameters are fixed.
 
     Raises:
         ValueError: The design is of another kind, the metric is constant, or a run failed, has no row or lacks the metric:
             the estimators need all values. The message gives the reason.
     """
     blocks = _all_values(results, metric).reshape(len(results.parameters) + 2, results.n)
-    estimates = _estimates(blocks)
     rng, tail = np.random.default_rng(0), 0.5 * (1.0 - CONFIDENCE)
     again = [_estimates(blocks[:, rng.integers(results.n, size=results.n)]) for _ in range(_BOOTSTRAPS)]
-    low, high = np.quantile(again, (tail, 1.0 - tail), axis=0)
-    first, total = ([(float(low[k, i]), float(high[k, i])) for i in range(len(results.parameters))] for k in (0, 1))
-    return [
-        SobolIndices(parameter, float(estimates[0, i]), first[i], float(estimates[1, i]), total[i])
-        for i, parameter in enumerate(results.parameters)
-    ]
+    ends = np.quantile(again, (tail, 1.0 - tail), axis=0)
+    first, total = ([Estimate(*map(float, one)) for one in of.T] for of in np.stack((_estimates(blocks), *ends), axis=1))
+    return dict(zip(results.parameters, zip(first, total, strict=True), strict=True))
 
 
 def _estimates(blocks: FloatArray) -> FloatArray:
