@@ -13,6 +13,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from ffsm_mj._core.fields import FieldForces
+from ffsm_mj._core.orbit import KeplerOrbit
 from ffsm_mj._core.osdre import CommandingLaw, OutputLaw
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.config import FileName, StrictModel
@@ -90,6 +91,7 @@ __all__ = [
     "ImpactRecord",
     "IntArray",
     "Joint",
+    "KeplerOrbit",
     "LawInCore",
     "LvlhAxes",
     "Measurement",

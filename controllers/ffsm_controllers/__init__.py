@@ -19,6 +19,7 @@ _BUILT_IN = {
     "free_flying": ("free_flying:FreeFlyingConfig", "free_flying:FreeFlying"),
     "track": ("track.config:TrackConfig", "track.law:Track"),
     "base_pd": ("base_pd:BasePdConfig", "base_pd:BasePd"),
+    "transfer": ("transfer:TransferConfig", "transfer:Transfer"),
     "hold": ("hold:HoldConfig", "hold:Hold"),
     "gripper": ("gripper:GripperConfig", "gripper:Gripper"),
     "joint_path": ("joint_path.config:JointPathConfig", "joint_path.law:JointPath"),

@@ -20,7 +20,7 @@ from ffsm_mj.experiments.metrics import NO_CLASSES, FileMetric, ScriptClasses, f
 from ffsm_mj.invocation import command, on_command_line
 from ffsm_mj.records.signals import identifier
 from ffsm_mj.scenario.faults import KindNames, plain_faults
-from ffsm_mj.scenario.loading import load_scenario, stated_source
+from ffsm_mj.scenario.loading import load_scenario, plain, stated_source
 from ffsm_mj.scenario.shipped import scenario_path
 from ffsm_mj.scenario.source import YamlSource, source_of
 from ffsm_mj.yaml import KeyPath, read_node, write_flow
@@ -408,7 +408,7 @@ def described(plan: Plan | VariantsPlan) -> list[str]:
 
 def _kind(value: object) -> str:
     """A value of an override; of a control law its kind."""
-    return f"kind {value['kind']}" if isinstance(value, Mapping) and "kind" in value else write_flow(value)
+    return f"kind {value['kind']}" if isinstance(value, Mapping) and "kind" in value else write_flow(plain(value))
 
 
 def _description(plan: Plan, design: Design) -> list[str]:

@@ -93,6 +93,22 @@ CASES = {
     "free_flying": lambda folder: craft(
         folder, {"controller": {"kind": "free_flying", **BASE, "wheels": WHEELS, "arm": {"kp": 3.0, "kd": 2.0}}}
     ),
+    **{
+        f"transfer, {duration_s} s": lambda folder, duration_s=duration_s: craft(
+            folder,
+            {
+                "controller": {
+                    "kind": "transfer",
+                    "thrusters": JETS,
+                    "position_m": [2.0, 1.0, -1.0],  # where it is: POSE in LVLH axes
+                    "duration_s": duration_s,
+                }
+            },
+            keys={"environment": {"orbit": {"altitude_km": 400.0}}, "initial": {"joints": {"base": POSE}}},
+            size=lambda tick: 1e-3 if tick > 12 else 0.0,
+        )
+        for duration_s in (0.2, 0.245, 9.0)
+    },
     "detumble": lambda folder: craft(folder, {"controller": DETUMBLE | {"tolerance_N_m_s": 50.0}}),
     "detumble, arm moves": lambda folder: craft(
         folder, {"controller": DETUMBLE | {"arm": {"positions": [0.3], "over_s": 0.4}, "tolerance_N_m_s": 50.0}}

@@ -27,10 +27,12 @@ def test_the_shipped_study_runs_from_the_command_line(tmp_path: Path, capsys: py
 
 def test_a_study_is_checked_without_running_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "mine.py").write_text("raise SystemExit(1)\n\ndef held(run):\n    return 1.0\n")
-    path = variants_file(tmp_path, {"elastic": {}, "half": HALF}, metrics={"file": "mine.py"})
+    fine = {"overrides": {"log": {"max_size_GB": 0.5}}}
+    path = variants_file(tmp_path, {"elastic": {}, "half": HALF, "fine": fine}, metrics={"file": "mine.py"})
     assert main(["check", str(path)]) == 0
     printed = capsys.readouterr().out
     assert "half     contacts.rules.0.restitution = 0.5" in printed
+    assert "fine     log = max_size_GB: 0.5" in printed
     assert "own metrics: held" in printed
     assert main(["run", str(path)]) == 2
     assert "is a campaign, not a scenario; use 'ffsm campaign run" in capsys.readouterr().err

@@ -19,6 +19,7 @@ DURATIONS_S = {
     "capture-camera": 24.0,
     "capture-detumble": 24.0,
     "capture-flexible": 18.5,
+    "capture-orbit": 16.0,
     "capture-planar": 8.2,
     "free-flying": 8.2,
     "free-flying-hardware": 8.2,
