@@ -104,18 +104,19 @@ class Run:
     """
 
     def __init__(
-        self, log: RunLog, path: Path | None = None, digested: Digest | None = None, models: ModelResults | None = None
+        self, log: RunLog, path: Path | None = None, digest: Digest | None = None, models: ModelResults | None = None
     ) -> None:
         """Wrap a log.
 
         Args:
             log: Contents of the log.
             path: Path of the log file.
-            digested: Digest of its rows, if it exists already; None: computed on demand.
+            digest: Digest of its rows, if it exists already; None: computed on demand.
             models: What is computed with its models; None: the models are taken from the log.
         """
-        self.log, self.path, self._digested = log, path, digested
-        self.models = models or ModelResults(log)
+        self.log, self.path, self.models = log, path, models or ModelResults(log)
+        if digest is not None:
+            self.__dict__["digest"] = digest  # the cached property below
 
     def __repr__(self) -> str:
         """Scenario, outcome, impacts, persistent contacts, the check closest to its tolerance, and the tip."""
@@ -127,7 +128,7 @@ class Run:
     def _known(self) -> tuple[Digest | None, tuple[Check, ...]]:
         """Digest and checks if they are known, or quick to compute from few rows."""
         try:
-            if self.digested or 8 * len(self.log.rows) * len(self.keys) <= KEPT_BYTES:
+            if self.has_digest or 8 * len(self.log.rows) * len(self.keys) <= KEPT_BYTES:
                 with np.errstate(all="ignore"):  # a log may hold any double
                     return self.digest, self.checks()
         except (LogError, OSError):  # the file is gone; the summary of a run in memory must not fail
@@ -305,14 +306,14 @@ class Run:
         return self.digest.check_accumulator.checks(self.log.impact_records, tolerance)
 
     @property
-    def digested(self) -> bool:
+    def has_digest(self) -> bool:
         """Whether the digest exists; if not, it costs one pass over the rows."""
-        return self._digested is not None or "digest" in self.__dict__
+        return "digest" in self.__dict__
 
     @cached_property
     def digest(self) -> Digest:
         """Digest of the rows for checks and summary, computed in one pass."""
-        return self._digested or digest(self.log)
+        return digest(self.log)
 
     def table(self, name: str = "samples") -> Table:
         """A table of named columns with units: ``samples``, ``contacts``, ``grasps``, ``checks``, or records by kind.

@@ -26,7 +26,7 @@ _CHECK_COLUMNS = {
     "name": ("", "name of the check"),
     "subsystem": ("", "subsystem"),
     "component": ("", "component of the worst residual"),
-    "residual": ("", "largest magnitude in a stretch of 100 000 steps, in the unit of its row"),
+    "residual": ("", "largest magnitude in a window of 100 000 steps, in the unit of its row"),
     "time_s": ("s", "time of the largest residual"),
     "tolerance": ("", "allowed magnitude, in the unit of its row"),
     "unit": ("", "unit of residual and tolerance"),

@@ -52,7 +52,7 @@ from ffsm_mj.simulation.orbit import orbit_columns
 from ffsm_mj.simulation.plant import Plant, StateSignals
 from ffsm_mj.simulation.step_control import MOST_PARTS, StepControl
 from ffsm_mj.tolerances import DAMPER_STEP, EPSILON, MODE_STEP, RESOLVED_STEP, STIFF_STEP
-from ffsm_mj.verification.residuals import STRETCH_STEPS
+from ffsm_mj.verification.residuals import DRIFT_WINDOW_STEPS
 
 if TYPE_CHECKING:
     from ffsm_mj.sensing.sampler import SensorSampler
@@ -108,7 +108,7 @@ def step_control(
         why = f"nothing is conserved that could tell the error of a step ({system.faults[0]}); leave accuracy out"
         raise ScenarioFaults([Fault(why, ("accuracy",))])
     # The checks judge the sum of the errors of so many steps, whatever their length.
-    steps = float(STRETCH_STEPS)
+    steps = float(DRIFT_WINDOW_STEPS)
     if scenario.accuracy is None:
         steps = min(steps, scenario.duration_s / scenario.time_step_s)
     budget = _SHARE * accuracy / steps

@@ -92,8 +92,8 @@ class Recording:
         self._folder, self._layout, self._effort = folder, layout, Effort(system)
         self._compiled = partial(_models, config, system, assembly.compiled.recorded)
         self._header = _header(assembly, start_s, is_whole=columns is None)
-        self._memory, self._digested = MemorySink(keep_rows=folder is None, columns=columns), Digest()
-        sinks: list[Sink] = [self._memory, self._digested, self._effort, *watchers]
+        self._memory, self._digest = MemorySink(keep_rows=folder is None, columns=columns), Digest()
+        sinks: list[Sink] = [self._memory, self._digest, self._effort, *watchers]
         if folder is not None:
             rate_hz = config.log.view_rate_hz
             sinks += file_sinks(folder, self._header, system, with_rerun=with_rerun, view_rate_hz=rate_hz)
@@ -141,7 +141,7 @@ class Recording:
 
     def run(self) -> Run:
         """The run, when the log is closed; writes the summary into its folder."""
-        path, digest = self._folder.log.absolute() if self._folder is not None else None, self._digested
+        path, digest = self._folder.log.absolute() if self._folder is not None else None, self._digest
         log = self._memory.log(stored_rows(path, self._layout) if path is not None else None)
         finished = Run(log, path, digest, ModelResults(log, self._compiled, self._effort))
         if self._folder is not None:

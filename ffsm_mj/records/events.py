@@ -94,9 +94,11 @@ class ImpactRecord:
     robot_geom: str = declared("Geom a if it is of the robot and b of an object, floating or fixed; else empty.")
     object_geom: str = declared("Geom b if it is of an object, floating or fixed, and a of the robot; else empty.")
     point_m: Values = declared(
-        "Contact point, the midpoint of the witness points, in world axes.", components="xyz", after="dropped_flights_s"
+        "Contact point, the midpoint of the witness points, in world axes.",
+        components="xyz",
+        column_after="dropped_flights_s",
     )
-    normal: Values = declared("Unit normal in world axes, from a to b.", components="xyz", after="point_m")
+    normal: Values = declared("Unit normal in world axes, from a to b.", components="xyz", column_after="point_m")
     manifold: str = declared("``point``, ``edge`` or ``face``.")
     law: str = declared(
         "Impact law of the result; with friction ``stronge`` (one contact), ``coulomb`` or ``poisson`` (several)."
@@ -138,43 +140,43 @@ class ImpactRecord:
     energy_change_J: float = declared(ENERGY_CHANGE)
     linear_momentum_change_N_s: float = declared(LINEAR_CHANGE)
     angular_momentum_change_N_m_s: float = declared(ANGULAR_CHANGE)
-    theta: float = declared(THETA, after="status", default=1.0)
+    theta: float = declared(THETA, column_after="status", default=1.0)
     tangential_impulse_N_s: Values = declared(
         "Friction impulse on b in world axes, tangential. Without friction it is zero, as are ``slip_before_m_s``, "
         "``slip_after_m_s``, ``friction_work_J`` and ``compression_work_J``; ``path`` is empty.",
         components="xyz",
-        after="mu",
+        column_after="mu",
         default=(0.0, 0.0, 0.0),
     )
     slip_before_m_s: Values = declared(
         "Tangential velocity of b relative to a at the point before the impact, in world axes; not computed "
         "(zero) if no contact of the impact has friction.",
         components="xyz",
-        after="tangential_impulse_N_s",
+        column_after="tangential_impulse_N_s",
         default=(0.0, 0.0, 0.0),
     )
     slip_after_m_s: Values = declared(
         "Tangential velocity after the impact, likewise.",
         components="xyz",
-        after="slip_before_m_s",
+        column_after="slip_before_m_s",
         default=(0.0, 0.0, 0.0),
     )
     path: str = declared(
         "Contact modes in order: ``slip``, ``stick``, ``reverse slip``; empty without friction.",
-        after="slip_after_m_s",
+        column_after="slip_after_m_s",
         default="",
     )
     friction_work_J: float = declared(
         "Work of friction; <= 0 for one contact. For several, its split from normal work is a convention.",
-        after="normal_work_J",
+        column_after="normal_work_J",
         default=0.0,
     )
     compression_work_J: float = declared(
         "Work of the normal impulse until the end of compression, <= 0 for one contact with friction.",
-        after="friction_work_J",
+        column_after="friction_work_J",
         default=0.0,
     )
-    rule: str = declared("Name of the contact rule of the pair.", after="pair", default="")
+    rule: str = declared("Name of the contact rule of the pair.", column_after="pair", default="")
     efforts_after: ByName = declared(
         "Effort by actuator from the impact on, as the controller decided then; efforts are off during it.",
         default_factory=dict,

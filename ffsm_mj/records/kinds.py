@@ -211,8 +211,8 @@ def faults(kind: RecordKind) -> Iterator[str]:
             yield f"{name} has components, but one value"
         if meaning.entries and get_origin(hint) is not Mapping:
             yield f"{name} has entries, but is no mapping"
-        if meaning.after and meaning.after not in known.keys() - {name}:
-            yield f"there is no field {meaning.after} for {name} to come after"
+        if meaning.column_after and meaning.column_after not in known.keys() - {name}:
+            yield f"there is no field {meaning.column_after} for {name} to come after"
     if kind.plural and not kind.columns:
         yield f"the table {kind.plural} has no columns"
 

@@ -1,8 +1,8 @@
 """Declaration of a record: a frozen dataclass whose fields say once what they mean, and how logs and tables show them.
 
-Fields are logged in the order of declaration (protobuf numbers), so new ones go last; ``after`` gives a field another place
-in tables. A name ends in its unit. Fields with one value, texts, and values that have a letter each are columns of the table
-of the record, unless ``column=False``::
+Fields are logged in the order of declaration (protobuf numbers), so new ones go last; ``column_after`` gives a field another
+place in tables. A name ends in its unit. Fields with one value, texts, and values that have a letter each are columns of the
+table of the record, unless ``column=False``::
 
     @record
     class Grip:
@@ -42,7 +42,7 @@ class Meaning:
         unit: Its unit, if the name does not end in it.
         components: A letter for each of its values, if their number is fixed: ``xyz``.
         entries: The numbers of values of entries of a mapping, by the name of the entry.
-        after: The field that comes before it in tables, if that is not the one before it in the log.
+        column_after: The field that comes before it in tables, if that is not the one before it in the log.
     """
 
     text: str
@@ -50,7 +50,7 @@ class Meaning:
     unit: str = ""
     components: str = ""
     entries: Mapping[str, int] = field(default_factory=dict)
-    after: str = ""
+    column_after: str = ""
 
     @property
     def column_text(self) -> str:
@@ -68,12 +68,12 @@ def declared(
     unit: str = "",
     components: str = "",
     entries: Mapping[str, int] = MappingProxyType({}),
-    after: str = "",
+    column_after: str = "",
     default: Any = MISSING,
     default_factory: Any = MISSING,
 ) -> Any:
     """Declare a field of a record by the parts of its :class:`Meaning`, or by one that is shared and parts that differ."""
-    parts = {"column": column, "unit": unit, "components": components, "entries": entries, "after": after}
+    parts = {"column": column, "unit": unit, "components": components, "entries": entries, "column_after": column_after}
     stated: dict[str, Any] = {name: part for name, part in parts.items() if part != getattr(_PLAIN, name)}
     complete = replace(Meaning(meaning) if isinstance(meaning, str) else meaning, **stated)
     return field(metadata={_MEANING: complete}, default=default, default_factory=default_factory)
@@ -104,20 +104,20 @@ def lengths_of(of: type) -> dict[str, int]:
 
 
 @cache
-def table_order(of: type) -> tuple[str, ...]:
+def in_table_order(of: type) -> tuple[str, ...]:
     """Its fields in the order of tables."""
     meaning_of = meanings(of)
     names = list(meaning_of)
-    for name in [name for name in meaning_of if meaning_of[name].after]:
+    for name in [name for name in meaning_of if meaning_of[name].column_after]:
         names.remove(name)
-        names.insert(names.index(meaning_of[name].after) + 1, name)
+        names.insert(names.index(meaning_of[name].column_after) + 1, name)
     return tuple(names)
 
 
 @cache
 def columns_of(of: type) -> dict[str, tuple[str, str]]:
     """Unit and text of the columns of its table, in their order; ``point_{xyz}_m`` is one for each value of ``point_m``."""
-    hints, ordered = hints_of(of), {name: meanings(of)[name] for name in table_order(of)}
+    hints, ordered = hints_of(of), {name: meanings(of)[name] for name in in_table_order(of)}
     return {
         _column(name, meaning.components): (meaning.unit or unit_of(name), meaning.column_text)
         for name, meaning in ordered.items()

@@ -30,7 +30,7 @@ from ffsm_mj.replay.scene import LogScene, log_scene, state_metadata
 from ffsm_mj.simulation.step_control import StepLimitError
 from ffsm_mj.verification.check_result import Check
 from ffsm_mj.verification.checks import RESIDUALS, CheckAccumulator
-from ffsm_mj.verification.residuals import STRETCH_STEPS, ResidualDrift, stretch_s
+from ffsm_mj.verification.residuals import DRIFT_WINDOW_STEPS, ResidualDrift, drift_window_s
 from ffsm_mj.verification.truncation import ENTRIES, Refined, TruncationAnalysis
 
 _USUAL_HALVINGS, _MOST_HALVINGS = 6, 11
@@ -149,7 +149,7 @@ def _refined(log: RunLog, checks: Iterable[Check], limits: AnalysisLimits, not_k
     again = _Refining(scene, log, spared, limits)
     layout, metadata = log.header.layout, dict(log.header.metadata) | state_metadata(scene)
     states, half, without = (CheckAccumulator(layout, metadata) for _ in range(3))
-    bounds = [ResidualDrift(stretch_s(metadata)) for _ in ENTRIES]
+    bounds = [ResidualDrift(drift_window_s(metadata)) for _ in ENTRIES]
     with collected_warnings([]):
         for block in log.blocks():
             again.corrections, again.bounds = [], []
@@ -191,8 +191,8 @@ class _Refining(LogReplay):
         self._powers: list[list[float]] = [[] for _ in ENTRIES]
         self.corrections: list[FloatArray] = []
         self.bounds: list[FloatArray] = []
-        # Checks allow their tolerance over a stretch of the run, not over all of it: shares are those of its steps.
-        steps = min(scene.scenario.ticks * scene.scenario.steps_per_tick, STRETCH_STEPS)
+        # Checks allow their tolerance over a window of the run, not over all of it: shares are those of its steps.
+        steps = min(scene.scenario.ticks * scene.scenario.steps_per_tick, DRIFT_WINDOW_STEPS)
         self._shares = spared / steps
         self._spare = np.zeros_like(self._shares)
 

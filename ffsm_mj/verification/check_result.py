@@ -53,11 +53,11 @@ class Check:
         name: Name of the check.
         subsystem: ``total``, ``robot`` or ``objects``.
         component: Component of the worst residual, such as ``T``, ``P_x`` to ``L_z``, ``gap`` or ``impact 1``.
-        residual: Largest magnitude of the residual in a stretch of the run.
+        residual: Largest magnitude of the residual in a window of the run.
         time_s: Time of the largest residual.
         tolerance: Allowed magnitude: the relative tolerance times (1 + scale).
         unit: Unit of both.
-        drift: Largest magnitude since the first sample; equals ``residual`` in a run of one stretch.
+        drift: Largest magnitude since the first sample; equals ``residual`` in a run of one window.
         truncation: Share of truncation in a residual that is too large; None if it was not analysed or is unknown.
     """
 

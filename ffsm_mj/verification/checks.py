@@ -2,11 +2,11 @@
 
 Tolerances. P, L and T less work are constants of the exact motion, so errors of steps neither grow nor decay: after N steps
 the residual is the sum of N step errors. A check is therefore a bound on the step error, independent of the length of the
-run. The error of one step is below rounding, so it is bounded over 100 000 steps: in every stretch of 100 000 steps the
-residual may change by 1e-9 (1 + scale), which is 1e-14 of the scale per step. For a run of one stretch (100 s at 1 ms) this
-is a bound on the residual itself; a run of K stretches may drift K times as far, and a sudden error is found in any stretch.
+run. The error of one step is below rounding, so it is bounded over 100 000 steps: in every window of 100 000 steps the
+residual may change by 1e-9 (1 + scale), which is 1e-14 of the scale per step. For a run of one window (100 s at 1 ms) this
+is a bound on the residual itself; a run of K windows may drift K times as far, and a sudden error is found in any window.
 
-The scale is the largest magnitude, up to the end of the stretch, of the terms that cancel in the quantity: each of them has
+The scale is the largest magnitude, up to the end of the window, of the terms that cancel in the quantity: each of them has
 a rounding error of 1e-16 relative to itself. For T it is the largest of T and the accumulated work, impact energy and work
 of gravity; for P the sum of |P| of robot and objects, or an accumulated impulse; for L about the origin |L| + r |P|, where
 r is the norm of all coordinates that are lengths, which bounds the terms r x m v. The lever arm is needed for two reasons: L
@@ -43,7 +43,7 @@ from ffsm_mj.tolerances import CHECK_TOLERANCE, CONTACT_GAP_M
 from ffsm_mj.verification.check_result import Check
 from ffsm_mj.verification.impact_checks import FrictionCheck, impact_checks
 from ffsm_mj.verification.independent.finding import TOLERANCES as INDEPENDENT_TOLERANCES
-from ffsm_mj.verification.residuals import BalanceColumns, HeatCheck, JacobiCheck, Peak, ResidualDrift, stretch_s
+from ffsm_mj.verification.residuals import BalanceColumns, HeatCheck, JacobiCheck, Peak, ResidualDrift, drift_window_s
 
 DEFAULT_TOLERANCE = CHECK_TOLERANCE
 """A check passes if its residual is at most this times (1 + scale), in SI units."""
@@ -128,7 +128,9 @@ class CheckAccumulator:
         self._conservative = is_conservative(metadata)
         self._accounts = {subsystem: BalanceColumns(layout, metadata, subsystem) for subsystem in SUBSYSTEMS}
         self._changes = {
-            (subsystem, name): ResidualDrift(stretch_s(metadata)) for subsystem in SUBSYSTEMS for name in CHECK_NAMES[:3]
+            (subsystem, name): ResidualDrift(drift_window_s(metadata))
+            for subsystem in SUBSYSTEMS
+            for name in CHECK_NAMES[:3]
         }
         self._bodies, self._matrix = (layout.places(momentum_keys(way)) for way in ("robot", "robot_by_mass_matrix"))
         self._free, self._two_ways = free_components(metadata, "robot"), Peak()
@@ -141,7 +143,7 @@ class CheckAccumulator:
         of_projections = [f"balance.{PROJECTED.format(what)}" for what in ("contacts", "loops")]
         self._projections = [layout.index[key] for key in of_projections if key in layout.index]
         self._projected = Peak()
-        self._heat, self._jacobi = HeatCheck(layout, stretch_s(metadata)), JacobiCheck(layout, metadata)
+        self._heat, self._jacobi = HeatCheck(layout, drift_window_s(metadata)), JacobiCheck(layout, metadata)
         self._grasps = [layout.index[columns.closed] for columns in logged_load_columns(layout)]
         self._time, self.samples = layout.time, 0
 

@@ -29,16 +29,16 @@ from ffsm_mj.records.signals import (
 )
 from ffsm_mj.verification.check_result import share_of
 
-STRETCH_STEPS = 100_000
+DRIFT_WINDOW_STEPS = 100_000
 """Number of steps over which a residual may change by the tolerance of a check."""
 
 # External impulses that exist only in scenes with fixed bodies, gravity or fields.
 _OUTSIDE = ("fixed", "gravity", "field")
 
 
-def stretch_s(metadata: Mapping[str, str]) -> float:
-    """Length of a stretch in s; infinite if the log does not give its step."""
-    return STRETCH_STEPS * float(metadata.get("time_step_s", "inf"))
+def drift_window_s(metadata: Mapping[str, str]) -> float:
+    """Length of a window in s; infinite if the log does not give its step."""
+    return DRIFT_WINDOW_STEPS * float(metadata.get("time_step_s", "inf"))
 
 
 class BalanceColumns:
@@ -61,15 +61,20 @@ class BalanceColumns:
         self._gained = layout.index[f"balance.{subsystem}_impact_energy_J"]
         works = (layout.index.get(f"balance.{subsystem}_{name}_work_J") for name in _OUTSIDE[1:])
         self._outside_work = [i for i in works if i is not None]
-        stored = [
+        elastic_and_heat = [
             layout.index.get(f"energy.{ELASTIC.format(subsystem)}"),
             layout.index.get(f"balance.{DAMPER_HEAT.format(subsystem)}"),
         ]
-        self._stored = [i for i in stored if i is not None]
+        self._elastic_and_heat = [i for i in elastic_and_heat if i is not None]
         self._truncation = layout.index.get(f"balance.{SPRING_TRUNCATION.format(subsystem)}")
         self._energies = [
             i
-            for i in (self._work if subsystem != "objects" else None, self._gained, *self._outside_work, *self._stored)
+            for i in (
+                self._work if subsystem != "objects" else None,
+                self._gained,
+                *self._outside_work,
+                *self._elastic_and_heat,
+            )
             if i is not None
         ]
         on_robot, on_objects = ([part[k : k + 6] for part in self._outside] for k in (0, 6))
@@ -97,7 +102,7 @@ class BalanceColumns:
             gained = gained + block[:, i]
         if self._objects_work is not None:
             gained = gained + block[:, self._objects_work]
-        for i in self._stored:
+        for i in self._elastic_and_heat:
             gained = gained - block[:, i]
         return energy_balance_residual(self._subsystem, energy, work, gained)
 
@@ -186,15 +191,15 @@ class Peak:
 
 
 class ResidualDrift:
-    """Tracks a residual through a run by stretches, each relative to the last row of the previous one.
+    """Tracks a residual through a run by windows, each relative to the last row of the previous one.
 
     Attributes:
         drift: Largest norm of its change since the first row.
     """
 
     def __init__(self, length_s: float) -> None:
-        """Set the length of a stretch in s."""
-        self._length, self._stretch = length_s, 0.0
+        """Set the length of a window in s."""
+        self._length, self._window = length_s, 0.0
         self._first: FloatArray | None = None
         self._loss_before = 0.0
         self._done: Peak | None = None
@@ -218,23 +223,23 @@ class ResidualDrift:
         if loss is not None:
             residual = self._first + without_loss(residual - self._first, (loss - self._loss_before)[:, None])
         self.drift = max(self.drift, float(np.fmax.reduce(norms(residual - self._first), initial=0.0)))
-        # A row at the end of a stretch belongs to it; the rounding of time is far below a billionth of a stretch.
-        stretches = np.maximum(np.ceil(times / self._length - 1e-9), 1.0)
-        edges = np.flatnonzero(np.diff(stretches)) + 1
+        # A row at the end of a window belongs to it; the rounding of time is far below a billionth of a window.
+        windows = np.maximum(np.ceil(times / self._length - 1e-9), 1.0)
+        edges = np.flatnonzero(np.diff(windows)) + 1
         for start, stop in pairwise([0, *edges.tolist(), len(times)]):
-            if stretches[start] != self._stretch:
-                self._begin(float(stretches[start]))
+            if windows[start] != self._window:
+                self._begin(float(windows[start]))
             self._recent.add(times[start:stop], residual[start:stop] - self._base, scale[start:stop])
             self._last = residual[stop - 1].copy()
 
-    def _begin(self, stretch: float) -> None:
-        if self._stretch:
+    def _begin(self, window: float) -> None:
+        if self._window:
             self._done, self._recent = self.worst, Peak(self._recent.scale)
-        self._stretch, self._base = stretch, self._last
+        self._window, self._base = window, self._last
 
     @property
     def worst(self) -> Peak:
-        """Peak of the stretch whose peak is largest relative to the scale up to its end."""
+        """Peak of the window whose peak is largest relative to the scale up to its end."""
         return self._recent if self._done is None or self._recent.rank > self._done.rank else self._done
 
 
@@ -248,7 +253,7 @@ class JacobiCheck:
 
     def __init__(self, layout: Layout, metadata: Mapping[str, str]) -> None:
         """Find the columns; there are none without a circular orbit that is the only field."""
-        self._rate, self._time, self._drift = orbit_rate(metadata), layout.time, ResidualDrift(stretch_s(metadata))
+        self._rate, self._time, self._drift = orbit_rate(metadata), layout.time, ResidualDrift(drift_window_s(metadata))
         self._potential = layout.index.get(f"orbit.{POTENTIAL}") if self._rate is not None else None
         if self._potential is not None:
             self._work = layout.index["balance.total_field_work_J"]
@@ -279,12 +284,12 @@ class HeatCheck:
     summed from all generalised contact forces and velocities, heat from friction forces and slip.
     """
 
-    def __init__(self, layout: Layout, stretch_s: float) -> None:
+    def __init__(self, layout: Layout, window_s: float) -> None:
         """Find the columns; there are none in runs without friction."""
         keys = [key for key in layout.keys if key.startswith("contact.") and key.endswith(SLIDING_HEAT)]
         self._heat, self._work = layout.places(keys), layout.index.get(f"balance.{CONTACT_WORK}")
         self._time, self._largest = layout.time, np.full(len(keys), -np.inf)
-        self._residual = ResidualDrift(stretch_s)
+        self._residual = ResidualDrift(window_s)
 
     def rows(self, block: FloatArray, added: FloatArray) -> None:
         """Process the next rows.

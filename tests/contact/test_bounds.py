@@ -15,7 +15,7 @@ from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import Layout, Signal
-from ffsm_mj.verification.residuals import STRETCH_STEPS
+from ffsm_mj.verification.residuals import DRIFT_WINDOW_STEPS
 from tests.scenes import ball, scene, two_balls
 
 STEP_S, ROWS = 1e-3, 3001
@@ -54,7 +54,7 @@ def test_tolerance_of_a_step_does_not_depend_on_the_number_of_steps(long):
     good = leaking(long, BOTH_WAYS, 2.9e-14 * steps)
     assert not broken(good)
     (law,) = (check for check in good.checks() if (check.name, check.subsystem) == ("linear momentum", "robot"))
-    assert law.residual == pytest.approx(2.9e-14 * STRETCH_STEPS, rel=1e-6)
+    assert law.residual == pytest.approx(2.9e-14 * DRIFT_WINDOW_STEPS, rel=1e-6)
     assert law.drift == pytest.approx(2.9e-14 * steps[-1], rel=1e-6)
     assert good.summary()["conservation"]["linear_momentum_residual_N_s"] == law.drift
     for count in (101, ROWS):  # a hundred seconds, and all
@@ -69,7 +69,7 @@ def test_tolerance_of_a_step_does_not_depend_on_the_number_of_steps(long):
     ("key", "name"), [("momentum.objects_L_z_N_m_s", "angular momentum"), ("energy.objects_J", "energy")]
 )
 def test_a_leak_of_a_ten_millionth_is_found_whenever_it_happens(long, at, key, name):
-    """Also between the last row of a stretch and the first of the next; it is reported in the stretch where it happens."""
+    """Also between the last row of a window and the first of the next; it is reported in the window where it happens."""
     run = leaking(long, key, np.where(np.arange(ROWS) >= at, 1e-7, 0.0))
     if name == "angular momentum":  # a ball on a rail cannot turn: say that it can
         metadata = {**run.log.header.metadata, "free_components_objects": "1 1 1 1 1 1"}
@@ -83,7 +83,7 @@ def test_a_leak_of_a_ten_millionth_is_found_whenever_it_happens(long, at, key, n
 @pytest.mark.long
 def test_checks_do_not_depend_on_the_blocks_of_rows(baseline):
     log = replace(baseline.log, rows=baseline.log.rows[::7])
-    header = replace(log.header, metadata={**log.header.metadata, "time_step_s": "3e-5"})  # ten stretches
+    header = replace(log.header, metadata={**log.header.metadata, "time_step_s": "3e-5"})  # ten windows
     rng = np.random.default_rng(3)
     found = set()
     for cuts in ([], range(1, len(log.rows)), rng.integers(0, len(log.rows), 50), rng.integers(0, len(log.rows), 900)):
@@ -97,7 +97,7 @@ def test_checks_do_not_depend_on_the_blocks_of_rows(baseline):
 
 
 def test_a_first_order_integrator_fails_in_a_long_run():
-    """Euler's method loses 1e-3 of the momentum in 30 s at 1 ms; stretches of 1 s stand for a much longer run."""
+    """Euler's method loses 1e-3 of the momentum in 30 s at 1 ms; windows of 1 s stand for a much longer run."""
     prepared = prepare("baseline", ["duration_s=6.0"])
     prepared.unused.clear()
     prepared.system.mj.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER

@@ -9,7 +9,17 @@ from dataclasses import fields, is_dataclass
 import pytest
 
 from ffsm_mj.contact_models.registry import BUILT_IN_RECORDS
-from ffsm_mj.records.record import ByName, Meaning, Values, columns_of, declared, lengths_of, meanings, record, table_order
+from ffsm_mj.records.record import (
+    ByName,
+    Meaning,
+    Values,
+    columns_of,
+    declared,
+    in_table_order,
+    lengths_of,
+    meanings,
+    record,
+)
 
 PLACE = Meaning("Place in world axes.", components="xyz")
 
@@ -29,8 +39,8 @@ class Push:
     names: tuple[str, ...] = declared("Names.")
     qpos: Values = declared("Configuration.")
     momentum: ByName = declared("P and L.", entries={"total": 6, "robot": 3})
-    word: str = declared("``hard`` or ``soft``.", default="hard", after="number")
-    origin_m: Values = declared(PLACE, after="place_m", default=(0.0, 0.0, 0.0))
+    word: str = declared("``hard`` or ``soft``.", default="hard", column_after="number")
+    origin_m: Values = declared(PLACE, column_after="place_m", default=(0.0, 0.0, 0.0))
     goal_m: Values = declared(PLACE, column=False, default=(0.0, 0.0, 0.0))
 
 
@@ -49,7 +59,7 @@ def test_columns_follow_from_the_fields():
         "names": ("", "names"),
     }
     assert list(columns_of(Push))[:5] == ["number", "word", "time_s", "geoms_{ab}", "place_{xyz}_m"]
-    assert table_order(Push)[:3] == ("number", "word", "time_s")
+    assert in_table_order(Push)[:3] == ("number", "word", "time_s")
 
 
 def test_lengths_follow_from_the_fields():

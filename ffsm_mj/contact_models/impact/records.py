@@ -25,7 +25,7 @@ from ffsm_mj.records.events import (
     ImpactRecord,
 )
 from ffsm_mj.records.kinds import Mark, RecordKind, all_fields, field_of
-from ffsm_mj.records.record import ByName, Values, columns_of, declared, record, table_order
+from ffsm_mj.records.record import ByName, Values, columns_of, declared, in_table_order, record
 
 
 def _sentence(record: ImpactRecord) -> str:
@@ -76,7 +76,7 @@ def summary_of(record: Any) -> dict[str, Any]:
     rates = {name: _by_joint(getattr(record, name)) for name in ("qvel_before", "qvel_after")}
     cls: type = type(record)
     values, shown = all_fields(record) | rates, {field_of(column)[0] for column in columns_of(cls)} - {"gap", "gap_m"}
-    return {name: values[name] for name in table_order(cls) if name in rates or name in shown}
+    return {name: values[name] for name in in_table_order(cls) if name in rates or name in shown}
 
 
 def _by_joint(qvel: ByName) -> dict[str, float | list[float]]:

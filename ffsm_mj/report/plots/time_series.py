@@ -24,7 +24,7 @@ from ffsm_mj.report.plots.panels import Curve, Panel, running_maximum, spans, st
 from ffsm_mj.report.plots.style import BLACK, BLUE, COLOURS, ORANGE, VERMILION, plain
 from ffsm_mj.report.plots.subject import Subject
 from ffsm_mj.verification.checks import DEFAULT_TOLERANCE
-from ffsm_mj.verification.residuals import BalanceColumns, norms, stretch_s, without_loss
+from ffsm_mj.verification.residuals import BalanceColumns, drift_window_s, norms, without_loss
 
 _GREY = "#7F7F7F"
 CONSERVED = {"energy": "J", "linear momentum": "N s", "angular momentum": "N m s"}
@@ -239,7 +239,7 @@ def conservation(subject: Subject) -> Figure:
         if loss is not None:
             energy = without_loss(energy, loss - loss[0])
         sizes[subsystem] = np.abs(energy), norms(momentum[:, :3]), norms(momentum[:, 3:])
-    stretches = np.maximum(np.ceil(run.time / stretch_s(header.metadata) - 1e-9), 1.0)
+    windows = np.maximum(np.ceil(run.time / drift_window_s(header.metadata) - 1e-9), 1.0)
     panels, checks = [], run.checks(DEFAULT_TOLERANCE)
     for i, (check, unit) in enumerate(CONSERVED.items()):
         allowed = {
@@ -254,7 +254,7 @@ def conservation(subject: Subject) -> Figure:
             # A logarithmic axis cannot show zero: residuals that are exactly zero are left out.
             lines.append(Curve(label, np.where(worst > 0.0, worst, np.nan), colour, style, 1.1, time))
         if allowed:  # a run that is not conservative has no such check
-            lines.append(Curve("allowed", min(allowed.values()) * stretches, _GREY, (0, (4.0, 1.5)), 0.9))
+            lines.append(Curve("allowed", min(allowed.values()) * windows, _GREY, (0, (4.0, 1.5)), 0.9))
             panels.append(Panel(f"{check.replace(' ', chr(10))}\nresidual, {unit}", lines, log=True))
     return stacked(run, panels, height_in=1.6)
 
