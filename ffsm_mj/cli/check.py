@@ -11,7 +11,7 @@ from ffsm_mj.cli.exit_codes import OK
 from ffsm_mj.cli.standard_streams import Output
 from ffsm_mj.experiments.file import campaign_schema, is_campaign
 from ffsm_mj.experiments.planning import described, load_campaign
-from ffsm_mj.experiments.sensitivity import checked_parameters
+from ffsm_mj.experiments.uncertainty import uncertain_parameters
 from ffsm_mj.scenario.schema import scenario_schema
 
 
@@ -27,7 +27,7 @@ def check(options: argparse.Namespace, output: Output) -> int:
         prepared = prepare(options.scenario, options.overrides)
         lines = [
             *prepared.describe(),
-            *(f"uncertain: {parameter.size} in {parameter.key}" for parameter in checked_parameters(prepared)),
+            *(f"uncertain: {parameter.size} in {parameter.key}" for parameter in uncertain_parameters(prepared)),
         ]
         lines.append(f"core: {BUILT}")
     for line in lines:

@@ -64,9 +64,9 @@ def run(options: argparse.Namespace, output: Output) -> int:
             stage(f"make {prepared.origin.folder} again")
             prepared.origin.start()
         if prepared.scenario.uncertainties:
-            from ffsm_mj.experiments.sensitivity import checked_parameters
+            from ffsm_mj.experiments.uncertainty import uncertain_parameters
 
-            checked_parameters(prepared)
+            uncertain_parameters(prepared)
         notes = prepared.notes()
     scenario = prepared.scenario
     head = _notes(notes, options)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import math
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ffsm_mj.cli.exit_codes import OK, RUN_FAILED
 from ffsm_mj.cli.standard_streams import Output, complain
+from ffsm_mj.errors import InputError
 
 if TYPE_CHECKING:
     from ffsm_mj.analysis.run import Run
@@ -24,13 +27,13 @@ def sensitivity(options: argparse.Namespace, output: Output) -> int:
         InputError: The scenario or a name is wrong, or a derivative does not exist.
     """
     from ffsm_mj.assembly.prepare import prepare
-    from ffsm_mj.experiments.sensitivity import checked_parameters, of_prepared
-    from ffsm_mj.experiments.uncertainty import standard_deviations
+    from ffsm_mj.experiments.sensitivity import of_prepared
+    from ffsm_mj.experiments.uncertainty import uncertain_parameters
 
-    wrt = standard_deviations(options.wrt)
+    wrt = dict(map(_standard_deviation, options.wrt))
     with output.progress() as stage:
         prepared = prepare(options.scenario, options.overrides)
-        checked_parameters(prepared, wrt)
+        uncertain_parameters(prepared, wrt)
         nominal = prepared.run(report=stage(prepared.scenario.name, "s", prepared.scenario.duration_s))
         if nominal.outcome != "completed":
             complain(f"{nominal.outcome}: {nominal.message}")
@@ -42,6 +45,22 @@ def sensitivity(options: argparse.Namespace, output: Output) -> int:
     if options.out:
         output.say(f"{options.out}: {_write(result, Path(options.out))}")
     return OK
+
+
+_UNITS = {"": 1.0, "mm": 1e-3, "um": 1e-6, "mrad": 1e-3, "deg": math.pi / 180.0}
+_NUMBER = re.compile(r"(.+)=\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(mm|um|mrad|deg|)\s*")
+
+
+def _standard_deviation(text: str) -> tuple[str, float]:
+    """Key and standard deviation, in SI units, of an argument ``KEY=NUMBER`` with or without a unit.
+
+    Raises:
+        InputError: It is not written so.
+    """
+    match = _NUMBER.fullmatch(text)
+    if match is None:
+        raise InputError(f"--wrt {text}: should be KEY=NUMBER, the number in SI units or with mm, um, mrad or deg")
+    return match[1], float(match[2]) * _UNITS[match[3]]
 
 
 def of_run(prepared: PreparedRun, run: Run, folder: RunFolder, output: Output) -> Iterable[str]:

@@ -12,9 +12,17 @@ import numpy as np
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.assembly.prepare import PreparedRun, prepare
-from ffsm_mj.errors import InputError, ScenarioFaults, unknown_name
+from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.experiments.derivatives import exact
-from ffsm_mj.experiments.uncertainty import Parameter, Quantity, Sensitivity, default_quantities, impacts, parameters, values
+from ffsm_mj.experiments.uncertainty import (
+    Parameter,
+    Quantity,
+    Sensitivity,
+    default_quantities,
+    impacts,
+    uncertain_parameters,
+    values,
+)
 from ffsm_mj.log.run_folder import SCENARIO
 
 _SIDES = {(True, True): "both", (True, False): "minus", (False, True): "plus"}
@@ -127,7 +135,7 @@ def of_prepared(
         raise InputError(f"kind: {unknown_name('kind', kind, KINDS)}")
     names = (of,) if isinstance(of, str) else tuple(of)
     quantities = tuple(map(Quantity.named, names or default_quantities(run)))
-    parameters = checked_parameters(prepared, wrt)
+    parameters = uncertain_parameters(prepared, wrt)
     if not quantities:
         raise InputError(f"{run.name}: the run has no impact and no task: name a quantity")
     if not parameters:
@@ -139,20 +147,6 @@ def of_prepared(
         if kind == "exact"
         else secant(prepared, run, quantities, parameters, report)
     )
-
-
-def checked_parameters(prepared: PreparedRun, wrt: Mapping[str, float] = MappingProxyType({})) -> tuple[Parameter, ...]:
-    """The uncertain numbers of a scenario: those given, or else those that it states.
-
-    Raises:
-        InputError: No such key, or not a number, or no positive standard deviation; one line each.
-    """
-    try:
-        return parameters(prepared, wrt or prepared.scenario.uncertainties)
-    except ScenarioFaults as error:
-        if wrt:
-            raise InputError([f"{fault.path[-1]}: {fault.message}" for fault in error.faults]) from None
-        raise prepared.source.located(error.faults) from None
 
 
 def _written(run: Run, folder: Path) -> Path:

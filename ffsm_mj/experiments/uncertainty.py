@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from ffsm_mj.analysis.run import Run
 from ffsm_mj.analysis.tables import Table
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.assembly.prepare import PreparedRun
-from ffsm_mj.errors import Fault, InputError, ScenarioFaults
+from ffsm_mj.errors import Faults, InputError
 from ffsm_mj.experiments.bindings import Target, Targets
 from ffsm_mj.experiments.design import ValueOperation
 from ffsm_mj.experiments.metrics import fault_of, value_at
@@ -130,26 +131,24 @@ class Parameter:
         return in_words(self.sigma, self.unit)
 
 
-def parameters(prepared: PreparedRun, wrt: Mapping[str, float]) -> tuple[Parameter, ...]:
-    """Find uncertain numbers in a scenario.
+def uncertain_parameters(prepared: PreparedRun, wrt: Mapping[str, float] = MappingProxyType({})) -> tuple[Parameter, ...]:
+    """The uncertain numbers of a scenario.
 
     Args:
         prepared: The scenario.
-        wrt: Standard deviation by dotted key.
+        wrt: Standard deviation by dotted key; none: those that the scenario states.
 
     Raises:
-        ScenarioFaults: No such key, or not a number, or no positive standard deviation.
+        InputError: No such key, or not a number, or no positive standard deviation; one line each.
     """
-    targets = Targets(prepared)
-    uncertain: list[Parameter] = []
-    faults: list[Fault] = []
-    for key, sigma in wrt.items():
-        try:
+    targets, uncertain, faults = Targets(prepared), list[Parameter](), Faults()
+    for key, sigma in (wrt or prepared.scenario.uncertainties).items():
+        with faults.below("uncertainties", key):
             uncertain.append(_parameter(prepared, targets, key, sigma))
-        except LookupError as error:
-            faults.append(Fault(str(error.args[0]), ("uncertainties", key)))
-    if faults:
-        raise ScenarioFaults(faults)
+    if faults.collected and wrt:
+        raise InputError([f"{fault.path[1]}: {fault.message}" for fault in faults.collected])
+    if faults.collected:
+        raise prepared.source.located(faults.collected)
     return tuple(uncertain)
 
 
@@ -190,29 +189,6 @@ def in_words(value: float, unit: str) -> str:
         name, size = _SMALL[unit]
         return f"{value / size:.4g} {name}"
     return f"{value:.4g} {unit}".rstrip()
-
-
-def standard_deviations(texts: list[str]) -> dict[str, float]:
-    """Standard deviations written as ``KEY=NUMBER``, with one of the units mm, um, mrad, deg or none.
-
-    Raises:
-        InputError: One is not written so.
-    """
-    sigmas: dict[str, float] = {}
-    for text in texts:
-        key, _, size = text.rpartition("=")
-        match = re.fullmatch(r"\s*([-+.\deE]+)\s*(mm|um|mrad|deg|)\s*", size)
-        try:
-            number = float(match.group(1)) if match else None
-        except ValueError:
-            number = None
-        if not key or number is None or match is None:
-            raise InputError(f"--wrt {text}: should be KEY=NUMBER, the number in SI units or with mm, um, mrad or deg")
-        sigmas[key] = number * _UNITS[match.group(2)]
-    return sigmas
-
-
-_UNITS: dict[str, Any] = {"": 1.0, "mm": 1e-3, "um": 1e-6, "mrad": 1e-3, "deg": 3.141592653589793 / 180.0}
 
 
 _ROUNDING = 1e-12

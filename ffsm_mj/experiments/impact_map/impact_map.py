@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -96,13 +96,6 @@ class Objective:
     def cost(self, effects: dict[str, float]) -> float:
         """What an optimisation makes small."""
         return -effects[self.effect] if self.maximize else effects[self.effect]
-
-
-def sampled(motion: SelfMotion, count: int, seed: int) -> Iterator[tuple[FloatArray, float]]:
-    """Configurations that reach the contact from drawn ones, with their residuals; a large one does not reach it."""
-    random = np.random.default_rng(seed)
-    for _ in range(count):
-        yield motion.projected(motion.drawn(random))
 
 
 class Optimizer:
@@ -334,8 +327,9 @@ class _Mapping:
             InputError: None does, or the geoms do not touch there.
         """
         configurations: list[Configuration] = []
-        least = np.inf
-        for i, (qpos, residual) in enumerate(sampled(self._motion, count, seed)):
+        least, random = np.inf, np.random.default_rng(seed)
+        for i in range(count):
+            qpos, residual = self._motion.projected(self._motion.drawn(random))
             least = min(least, residual)
             if residual <= REACHED:
                 if not configurations:
