@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-import ffsm_mj
 from ffsm_mj.errors import InputError
 from ffsm_mj.model.files import logged_model, read_model
 from ffsm_mj.model.source import load_spec
+from tests.model.repeated import repeated
 from tests.scenario.test_scenario import faults
 from tests.scenes import HEAD, compile_paths, scene
 
@@ -95,18 +95,11 @@ def test_each_of_these_files_is_needed(many, missing):
         mujoco.MjSpec.from_file(str(many / "robot.xml")).compile()
 
 
-@pytest.mark.usefixtures("many")
-def test_a_run_is_repeatable_from_its_files(tmp_path):
-    path = scene_of(tmp_path, "many/robot.xml")
-    first = ffsm_mj.run(path, out=tmp_path / "run", rerun=False)
-    assert set(first.log.header.files) == {f"mjcf/robot/{name}" for name in USED}
-    kept = {
-        file.relative_to(tmp_path / "run" / "mjcf" / "robot").as_posix() for file in (tmp_path / "run" / "mjcf").rglob("*.*")
-    }
-    assert kept == USED
-    again = ffsm_mj.run(tmp_path / "run" / "scenario.yaml")
-    assert again.log.rows[:].tobytes() == first.log.rows[:].tobytes()
-    assert again.log.header.files == first.log.header.files
+def test_a_run_is_repeatable_from_its_files(many, tmp_path):
+    run, _ = repeated(scene_of(tmp_path, "many/robot.xml"), tmp_path / "run", many)
+    assert set(run.log.header.files) == {f"mjcf/robot/{name}" for name in USED}
+    copied = tmp_path / "run" / "mjcf" / "robot"
+    assert {file.relative_to(copied).as_posix() for file in copied.rglob("*.*")} == USED
 
 
 def test_meshes_of_the_same_name_stay_different(tmp_path):
@@ -196,10 +189,8 @@ def test_a_scenario_names_further_folders(tmp_path):
     path = scene_of(tmp_path, "models/robot.xml")
     (line,) = faults(path=path)
     assert line.startswith(f"{tmp_path}/models/robot.xml:1: {tmp_path}/meshes/a.obj is outside")
-    run = ffsm_mj.run(path, ['robot.asset_folders=["meshes"]'], out=tmp_path / "run", rerun=False)
+    run, _ = repeated(path, tmp_path / "run", overrides=['robot.asset_folders=["meshes"]'])
     assert set(run.log.header.files) == {"mjcf/robot/models/robot.xml", "mjcf/robot/meshes/a.obj"}
-    again = ffsm_mj.run(tmp_path / "run" / "scenario.yaml")
-    assert again.log.rows[:].tobytes() == run.log.rows[:].tobytes()
     (line,) = faults('robot.asset_folders=["absent"]', path=path)
     assert line.endswith(f"robot.asset_folders.0: no such folder: {tmp_path}/absent")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 from pathlib import Path
 
@@ -23,6 +24,7 @@ from ffsm_mj.model.properties import BodyProperties, Inertial, Overrides, proper
 from ffsm_mj.pytest_plugin import assert_conserved
 from ffsm_mj.scenario.shipped import scenario_names
 from ffsm_mj.yaml import plain_value, write_yaml
+from tests.model.repeated import repeated
 from tests.scenes import ARM, HEAD, ball, scene, two_balls
 
 FULL = '<inertial mass="3" pos="0.1 0 0.2" fullinertia="0.1 0.2 0.15 0.01 0.02 0.03"/>'
@@ -50,6 +52,7 @@ COMPILER = {
     "fusestatic": 'fusestatic="true"',
 }
 ASKED = {"mass_kg": 7.0}
+_OTHER = "not a scenario of this version"
 
 
 def mjcf(kind):
@@ -369,7 +372,7 @@ def test_log_replay_and_rerun_have_the_properties_too(tmp_path, capfd):
     out = tmp_path / "run"
     given = ["model.robot.ball.mass_kg=5", "model.target.target={mass_kg: 2, geoms: {target: {size_m: [0.2]}}}"]
     path = two_balls(tmp_path, restitution=0.5)
-    run = ffsm_mj.run(path, given, out=out, rerun=False)
+    run, logged = repeated(path, out, overrides=given)
     assert not np.array_equal(run.log.rows, ffsm_mj.run(path).log.rows)
     expected = {
         "robot": {"ball": {"mass_kg": 5.0}},
@@ -377,13 +380,11 @@ def test_log_replay_and_rerun_have_the_properties_too(tmp_path, capfd):
     }
     assert json.loads((out / "summary.json").read_text())["model"] == expected
     assert "model" not in ffsm_mj.run(path).summary()
-    assert_same(compile_log(ffsm_mj.load_run(out).log).mj, prepare(path, given).system.mj)
-    assert main(["analyze", str(out)]) == 0
+    assert_same(logged.mj, prepare(path, given).system.mj)
     printed = capfd.readouterr().out
     assert "columns agree with states" in printed
     told = ["robot.ball.mass_kg = 5", "target.target.mass_kg = 2", "target.target.geoms.target.size_m = [0.2]"]
     assert {f"model.{line}" for line in told} <= set(printed.splitlines())
-    np.testing.assert_array_equal(ffsm_mj.run(out).log.rows, run.log.rows)
 
 
 def test_check_lists_the_properties(tmp_path, capfd):
@@ -391,23 +392,45 @@ def test_check_lists_the_properties(tmp_path, capfd):
     assert "note: model.robot.ball.mass_kg is 5; without it 2" in capfd.readouterr().out
 
 
+@pytest.fixture(scope="module")
+def changed(tmp_path_factory):
+    """The log of a run with a site, a fixed object and a property that its scenario gives."""
+    path = scene(
+        tmp_path_factory.mktemp("changed"),
+        ball("ball"),
+        {"port": f"<mujoco>{HEAD}<worldbody><geom size='1'/></worldbody></mujoco>"},
+        fixed={"port": {"position_m": [0, 0, 9]}},
+        duration_s=0.01,
+    )
+    return ffsm_mj.run(path, {"model.robot.ball.mass_kg": 5, "robot.sites": {"tip": {"body": "ball"}}}).log
+
+
 @pytest.mark.parametrize(
-    "wrong",
+    ("place", "wrong", "said"),
     [
-        5,
-        {"nobody": {}},
-        {"robot": 3},
-        {"robot": {"ball": {"mass_kg": -1}}},
-        {"robot": {"ball": 3}},
-        {"robot": {"nobody": {}}},
+        ("model", 5, _OTHER),
+        ("model", {"nobody": {}}, _OTHER),
+        ("model.robot", 3, _OTHER),
+        ("model.robot.ball.mass_kg", -1, _OTHER),
+        ("model.robot.ball", 3, _OTHER),
+        ("model.robot.nobody", {}, "unknown body 'nobody'"),
+        ("robot.sites.tip.body", "nobody", "unknown body 'nobody'"),
+        ("robot.sites.tip.pos_m", [float("nan"), 0, 0], _OTHER),
+        ("robot.sites.tip.pos_m", 5, _OTHER),
+        ("robot.sites.tip.body", 7, _OTHER),
+        ("robot.sites.tip", "ball", _OTHER),
+        ("objects.port.pose.position_m", [0.0, 0.0], _OTHER),
+        ("objects.port.pose.position_m", [0.0, float("nan"), 0.0], _OTHER),
+        ("objects.port.pose.position_m", "nowhere", _OTHER),
     ],
 )
-def test_a_log_with_invalid_entries_is_refused_in_one_line(tmp_path, wrong):
-    run = ffsm_mj.run(two_balls(tmp_path), {"model.robot.ball.mass_kg": 5, "duration_s": 0.01})
-    data = plain_value(run.log.header.scenario_yaml) | {"model": wrong}
-    header = dataclasses.replace(run.log.header, scenario=write_yaml(data))
-    with pytest.raises(InputError, match=r"the log: .*(not a scenario of this version|unknown body 'nobody')"):
-        compile_log(dataclasses.replace(run.log, header=header))
+def test_a_log_with_invalid_entries_is_refused_in_one_line(changed, place, wrong, said):
+    data = plain_value(changed.header.scenario_yaml)
+    *keys, last = place.split(".")
+    functools.reduce(dict.__getitem__, keys, data)[last] = wrong
+    with pytest.raises(InputError, match=f"the log: .*{said}") as refused:
+        compile_log(dataclasses.replace(changed, header=dataclasses.replace(changed.header, scenario=write_yaml(data))))
+    assert len(refused.value.lines) == 1
 
 
 def test_a_scenario_that_extends_changes_one_property_of_many(tmp_path):

@@ -7,12 +7,10 @@ import json
 import numpy as np
 import pytest
 
-import ffsm_mj
-from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
-from ffsm_mj.log.scenario import compile_log
 from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.files import read_model
+from tests.model.repeated import repeated
 from tests.model.test_attached_models import robot
 from tests.model.test_model_files import LINK, TETRA, write
 from tests.scenario.test_scenario import faults
@@ -98,7 +96,7 @@ SETTINGS = ["", '<mujoco><compiler meshdir="../mm"/></mujoco>']
 
 
 @pytest.mark.parametrize("settings", SETTINGS)
-def test_a_run_contains_package_files_of_an_attached_urdf(tmp_path, settings, capsys):
+def test_a_run_contains_package_files_of_an_attached_urdf(tmp_path, settings):
     write(
         tmp_path,
         bus_dot_xml=robot('<model name="r" file="robots/r.urdf"/>', '<attach model="r" body="l" prefix="a_"/>'),
@@ -106,19 +104,13 @@ def test_a_run_contains_package_files_of_an_attached_urdf(tmp_path, settings, ca
         share__pk__m__a_dot_obj=TETRA.format(x=1),
     )
     path = scenario(tmp_path, "bus.xml", package_paths=["share"])
-    run = ffsm_mj.run(path, out=tmp_path / "run", rerun=False)
+    run, system = repeated(path, tmp_path / "run", tmp_path / "share", tmp_path / "robots")
     below = "mjcf/robot/mm/pk/m/a.obj" if settings else "mjcf/robot/robots/pk/m/a.obj"
-    assert (tmp_path / "run" / below).read_text() == TETRA.format(x=1)
-    for folder in ("share", "robots"):
-        (tmp_path / folder).rename(tmp_path / f"{folder} gone")
-    again = ffsm_mj.run(tmp_path / "run" / "scenario.yaml", out=tmp_path / "again", rerun=False)
-    assert again.log.rows[:].tobytes() == run.log.rows[:].tobytes()
-    assert compile_log(ffsm_mj.load_run(tmp_path / "run" / "run.mcap").log).mj.nmesh == 1
-    assert main(["analyze", str(tmp_path / "again")]) == 0
-    capsys.readouterr()
+    assert run.log.header.files[below].decode() == TETRA.format(x=1)
+    assert system.mj.nmesh == 1
 
 
-def test_a_run_contains_package_files_of_a_urdf_in_an_attached_model(tmp_path, capsys):
+def test_a_run_contains_package_files_of_a_urdf_in_an_attached_model(tmp_path):
     """MJCF that attaches MJCF that attaches a URDF, twice: run folder and log contain all files."""
     attach = '<attach model="{0}" body="{1}" prefix="{2}"/>'
     arm = robot('<model name="r" file="../arms/urdf/r.urdf"/>', attach.format("r", "l", "a_"))
@@ -130,32 +122,18 @@ def test_a_run_contains_package_files_of_a_urdf_in_an_attached_model(tmp_path, c
         arms__urdf__r_dot_urdf=urdf(),
         arms__pk__m__a_dot_obj=TETRA.format(x=2),
     )
-    run = ffsm_mj.run(scenario(tmp_path, "bus.xml"), out=tmp_path / "run", rerun=False)
-    for folder in ("arms", "mid"):
-        (tmp_path / folder).rename(tmp_path / f"{folder} gone")
-    again = ffsm_mj.run(tmp_path / "run" / "scenario.yaml", out=tmp_path / "again", rerun=False)
-    assert again.log.rows[:].tobytes() == run.log.rows[:].tobytes()
-    assert compile_log(ffsm_mj.load_run(tmp_path / "again" / "run.mcap").log).mj.nmesh == 2
-    assert main(["analyze", str(tmp_path / "again")]) == 0
-    capsys.readouterr()
+    _, system = repeated(scenario(tmp_path, "bus.xml"), tmp_path / "run", tmp_path / "arms", tmp_path / "mid")
+    assert system.mj.nmesh == 2
 
 
 @pytest.mark.parametrize("settings", SETTINGS)
-def test_a_run_contains_package_files(tmp_path, settings, capsys):
+def test_a_run_contains_package_files(tmp_path, settings):
     write(tmp_path, robots__r_dot_urdf=urdf(settings=settings), share__pk__m__a_dot_obj=TETRA.format(x=1))
     path = scenario(tmp_path, "robots/r.urdf", package_paths=["share"], asset_folders=["."])
-    run = ffsm_mj.run(path, out=tmp_path / "run", rerun=False)
+    run, system = repeated(path, tmp_path / "run", tmp_path / "share", tmp_path / "robots")
     below = "mjcf/robot/mm/pk/m/a.obj" if settings else "mjcf/robot/pk/m/a.obj"
-    assert (tmp_path / "run" / below).read_text() == TETRA.format(x=1)
-    assert run.log.header.files[below].decode() == TETRA.format(x=1)
-    (tmp_path / "share").rename(tmp_path / "gone")
-    (tmp_path / "robots").rename(tmp_path / "gone too")
-    again = ffsm_mj.run(tmp_path / "run" / "scenario.yaml", out=tmp_path / "again", rerun=False)
-    assert again.log.rows[:].tobytes() == run.log.rows[:].tobytes()
-    assert again.log.header.files == run.log.header.files
-    assert compile_log(ffsm_mj.load_run(tmp_path / "run" / "run.mcap").log).mj.nmesh == 1
-    assert main(["analyze", str(tmp_path / "again")]) == 0
-    capsys.readouterr()
+    assert (tmp_path / "run" / below).read_text() == TETRA.format(x=1) == run.log.header.files[below].decode()
+    assert system.mj.nmesh == 1
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,7 @@
-"""Objects that are fixed to the world: their poses, and faults that are refused."""
+"""What a scenario says of its models: objects that it fixes, sites that it adds to the robot, elements that it removes."""
 
 from __future__ import annotations
 
-import dataclasses
 import json
 
 import mujoco
@@ -10,12 +9,14 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.cli.main import main
 from ffsm_mj.contact.motion_bound import speeds_per_root_energy
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.errors import InputError
-from ffsm_mj.log.scenario import compile_log
-from tests.scenes import HEAD, ball, scene
+from tests.model.repeated import repeated
+from tests.scenes import ARM, HEAD, ball, scene
 
 PORT = f"""<mujoco>{HEAD}
 <worldbody>
@@ -79,27 +80,13 @@ def test_a_run_with_a_fixed_object_is_repeatable_from_folder_and_log(tmp_path):
         initial={"joints": {"robot/free": [1.3, 0.2, -0.5, 1, 0, 0, 0]}, "rates": {"robot/free": [-1.0, 0, 0, 0, 0, 0]}},
         duration_s=0.4,
     )
-    run = ffsm_mj.run(path, out=tmp_path / "out")
+    run, logged = repeated(path, tmp_path / "out", tmp_path / "port.xml")
     assert len(run.impacts) == 1
-    (tmp_path / "port.xml").unlink()
-    again = ffsm_mj.run(tmp_path / "out" / "scenario.yaml")
-    np.testing.assert_array_equal(again.log.rows, run.log.rows)
-    logged = compile_log(ffsm_mj.load_run(tmp_path / "out").log)
     for name in ("body_pos", "body_quat", "body_mass", "geom_pos"):
         np.testing.assert_array_equal(
             getattr(logged.mj, name), getattr(prepare(tmp_path / "out" / "scenario.yaml").system.mj, name)
         )
     assert [each.name for each in logged.fixed] == ["port"]
-
-
-def test_a_log_with_an_invalid_pose_is_refused(tmp_path):
-    run = ffsm_mj.run(docking(tmp_path, pose={"position_m": [0, 0, 1]}))
-    text = run.log.header.scenario_yaml
-    for wrong in ("[0.0, 0.0]", "[0.0, .nan, 0.0]", "nowhere"):
-        changed = text.replace("position_m: [0.0, 0.0, 1.0]", f"position_m: {wrong}")
-        assert changed != text
-        with pytest.raises(InputError, match="pose"):
-            compile_log(dataclasses.replace(run.log, header=dataclasses.replace(run.log.header, scenario=changed)))
 
 
 @pytest.mark.parametrize(
@@ -196,3 +183,167 @@ def test_its_contacts_are_reported_or_ignored_by_its_name(tmp_path):
     assert [record.geoms for record in run.unhandled_contacts] == [("port/plate", "robot/ball")]
     ignored = [{"between": ["robot", "port"], "reason": "they are one"}]
     assert not ffsm_mj.run(docking(tmp_path, initial=inside, contacts={"ignored": ignored})).unhandled_contacts
+
+
+def reaching(folder, **sites):
+    """The arm, with a task for a site that the scenario adds."""
+    path = scene(
+        folder,
+        ARM,
+        {"target": ball("target")},
+        duration_s=0.05,
+        initial={"joints": {"target/free": [9, 0, 0, 1, 0, 0, 0], "shoulder": 0.4}, "rates": {"elbow": 0.5}},
+        task={"tip": "tip", "target_m": [1.0, 0.5, 0.0]},
+    )
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"robot": {"mjcf": "robot.xml", "sites": sites}}))
+    return path
+
+
+def test_a_site_is_at_the_given_position(tmp_path):
+    path = reaching(tmp_path, tip={"body": "lower", "pos_m": [0.5, 0.0, 0.1]})
+    system = prepare(path).system
+    site = system.mj.site("robot/tip")
+    assert system.mj.body(site.bodyid[0]).name == "robot/lower"
+    np.testing.assert_array_equal(site.pos, [0.5, 0.0, 0.1])
+    data = mujoco.MjData(system.mj)
+    mujoco.mj_forward(system.mj, data)
+    np.testing.assert_allclose(data.site("robot/tip").xpos, [1.25, 0.0, 0.1], atol=1e-15)  # base 0.25, upper 0.5, lower 0.5
+
+
+def test_log_and_rerun_have_the_site_too(tmp_path):
+    _, system = repeated(reaching(tmp_path, tip={"body": "finger"}), tmp_path / "run")
+    assert (tmp_path / "run" / "mjcf" / "robot" / "robot.xml").read_text() == ARM
+    assert "robot/tip" in system.names("site")
+
+
+@pytest.mark.parametrize(
+    ("site", "said"),
+    [
+        (
+            {"body": "lowr"},
+            r"robot\.sites\.tip\.body: unknown body 'lowr' \(did you mean 'lower'\?\); allowed: base, finger, ",
+        ),
+        ({"body": "world"}, r"robot\.sites\.tip\.body: unknown body 'world'; allowed"),
+        ({"body": "base", "pos_m": [0, 0]}, r"robot\.sites\.tip\.pos_m"),
+    ],
+)
+def test_faults_of_a_site_are_reported_with_their_place(tmp_path, site, said):
+    with pytest.raises(InputError, match=r"scene\.yaml:1:\d+: " + said):
+        prepare(reaching(tmp_path, tip=site))
+
+
+def test_a_site_of_the_model_is_not_replaced(tmp_path):
+    path = reaching(tmp_path, tip={"body": "lower"})
+    (tmp_path / "robot.xml").write_text(ARM.replace('<geom name="tip"', '<site name="tip"/><geom name="tip"'))
+    with pytest.raises(InputError, match=r"robot\.sites\.tip: the model already has a site of this name; choose another"):
+        prepare(path)
+
+
+ALL = ["damping", "frictionloss", "stiffness", "limits", "equalities", "tendons", "servos"]
+JOINT = 'damping="2" frictionloss="0.1" stiffness="3" range="-1 1" limited="true"'
+TENDON = """<tendon><fixed name="strap" damping="3" stiffness="1" frictionloss="0.2" range="-1 1" limited="true">
+  <joint joint="shoulder" coef="1"/><joint joint="elbow" coef="1"/></fixed></tendon>
+  <equality><joint name="tied" joint1="shoulder" joint2="elbow"/><tendon name="taut" tendon1="strap"/></equality>
+  <sensor><tendonpos tendon="strap"/><actuatorfrc actuator="aim"/><jointpos joint="elbow"/></sensor>
+  <keyframe><key name="home" ctrl="1 2 3 4 5" act="6"/></keyframe></mujoco>"""
+SERVOS = '<position name="aim" joint="elbow" kp="9"/><general name="lag" joint="shoulder" dyntype="filter" dynprm="1"/>'
+
+
+def vendor():
+    """The arm with all non-conservative elements, a motor on a tendon, servos and a keyframe."""
+    text = ARM.replace('name="shoulder" axis', f'name="shoulder" {JOINT} axis').replace(
+        'name="elbow" axis', 'name="elbow" springdamper="0.1 0.5" axis'
+    )
+    return text.replace("</actuator></mujoco>", f'<motor name="pull" tendon="strap"/>{SERVOS}</actuator>{TENDON}')
+
+
+def moving(folder, strip, **changes):
+    path = scene(folder, vendor(), {"target": ball("target")}, **changes)
+    return path, {
+        "robot.strip": strip,
+        "initial.joints": {"target/free": [9.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]},
+        "initial.rates": {"elbow": 0.5, "shoulder": -0.3},
+        "duration_s": 0.2,
+    }
+
+
+def test_a_completely_stripped_arm_moves_as_the_bare_arm(tmp_path):
+    """Bit by bit: the removed elements have no effect."""
+    path, changes = moving(tmp_path, ALL)
+    run = ffsm_mj.run(path, changes)
+    (tmp_path / "robot.xml").write_text(ARM)
+    bare = ffsm_mj.run(path, changes | {"robot.strip": []})
+    np.testing.assert_array_equal(run.qpos, bare.qpos)
+    assert all(check.passes for check in all_checks(run))
+    assert prepare(path, changes).system.mj.nsensor == 0
+
+
+def test_check_lists_the_removed_elements(tmp_path, capfd):
+    path, changes = moving(tmp_path, ALL)
+    notes = prepare(path, changes).system.notes
+    assert notes == (
+        "removed from robot: damping of 2 joints (shoulder, elbow)",
+        "removed from robot: damping of 1 tendon (strap)",
+        "removed from robot: frictionloss of 1 joint (shoulder)",
+        "removed from robot: frictionloss of 1 tendon (strap)",
+        "removed from robot: stiffness of 1 joint (shoulder)",
+        "removed from robot: stiffness of 1 tendon (strap)",
+        "removed from robot: limits of 1 joint (shoulder)",
+        "removed from robot: limits of 1 tendon (strap)",
+        "removed from robot: 2 equality constraints (tied, taut)",
+        "removed from robot: 1 sensor (strap_tendonpos)",
+        "removed from robot: 1 actuator (pull)",
+        "removed from robot: 1 tendon (strap)",
+        "removed from robot: 1 sensor (aim_actuatorfrc)",
+        "removed from robot: 2 actuators (aim, lag)",
+    )
+    capfd.readouterr()
+    assert main(["check", str(path), "-s", f"robot.strip={ALL}"]) == 0
+    assert f"note: {notes[0]}\n" in capfd.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("left", "attribute"),
+    [("damping", "dof_damping"), ("stiffness", "jnt_stiffness"), ("frictionloss", "dof_frictionloss")],
+)
+def test_springs_dampers_and_friction_of_joints_are_kept(tmp_path, left, attribute):
+    """Unless they are stripped: they enter the balance."""
+    path, changes = moving(tmp_path, [word for word in ALL if word != left])
+    assert getattr(prepare(path, changes).system.mj, attribute).any()
+
+
+def test_servos_are_kept(tmp_path):
+    """Unless they are stripped."""
+    path, changes = moving(tmp_path, ALL[:-1])
+    assert {"robot/aim", "robot/lag"} <= set(prepare(path, changes).system.names("actuator"))
+
+
+def test_log_and_rerun_strip_alike(tmp_path):
+    """The copied file is the original; log replay and rerun remove the same elements."""
+    path, changes = moving(tmp_path, ALL)
+    changes["objects.target.strip"] = ["damping"]
+    (tmp_path / "target.xml").write_text(
+        ball("target").replace('<freejoint name="free"/>', '<joint name="free" type="free" damping="1"/>')
+    )
+    gone = [tmp_path / name for name in ("robot.xml", "target.xml", "scene.yaml")]
+    repeated(path, tmp_path / "run", *gone, overrides=changes)
+    assert (tmp_path / "run" / "mjcf" / "robot" / "robot.xml").read_text() == vendor()
+
+
+def test_unknown_entries_of_strip_are_refused_with_the_allowed_ones(tmp_path):
+    path, changes = moving(tmp_path, ["damping", "gravity"])
+    with pytest.raises(InputError, match=r"robot\.strip.*'damping'.*'tendons'.*gravity"):
+        prepare(path, changes)
+
+
+def test_gravcomp_is_removed(tmp_path):
+    """It has no effect without gravity; with ``strip`` the body has no weight either."""
+    path, changes = moving(tmp_path, [])
+    held = ARM.replace('<body name="lower"', '<body name="lower" gravcomp="1"')
+    (tmp_path / "robot.xml").write_text(held)
+    (note,) = prepare(path, changes).system.notes
+    assert "left out, " in note
+    assert note.endswith(": gravcomp")
+    system = prepare(path, changes | {"robot.strip": ["gravcomp"]}).system
+    assert system.notes == ("removed from robot: gravcomp of 1 link (lower)",)
+    assert not system.mj.body_gravcomp.any()
