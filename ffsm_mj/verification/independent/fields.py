@@ -13,7 +13,6 @@ from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
-from scipy.integrate import solve_ivp
 
 from ffsm_mj.verification.independent.finding import Array
 
@@ -102,6 +101,8 @@ class Orbit:
             return self._elements.position(time_s)
         start_s, state = self._last if self._last[0] <= time_s else (0.0, np.concatenate((self._R, self._V)))
         if time_s > start_s:
+            from scipy.integrate import solve_ivp  # takes a third of a second to import: only orbits with J2 pay
+
             # An error of 1 m of the origin changes a tide by 1e-7 of it.
             state = solve_ivp(
                 lambda _, y: np.concatenate((y[3:], self._kepler(y[:3]) + self._oblate(y[:3]))),
