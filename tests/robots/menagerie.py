@@ -40,70 +40,23 @@ from tests.scenes import HEAD
 FOLDER = Path(os.environ.get("FFSM_MENAGERIE", Path(__file__).parents[3] / "shared" / "menagerie"))
 """Folder of the robots: of the environment variable, or beside the checkout, where it may be absent."""
 
-FILES = {
-    "agilex_piper": "piper",
-    "agility_cassie": "cassie",
-    "aloha": "aloha",
-    "anybotics_anymal_b": "anymal_b",
-    "anybotics_anymal_c": "anymal_c",
-    "apptronik_apollo": "apptronik_apollo",
-    "arx_l5": "arx_l5",
-    "berkeley_humanoid": "berkeley_humanoid",
-    "bitcraze_crazyflie_2": "cf2",
-    "booster_t1": "t1",
-    "boston_dynamics_spot": "spot_arm",
-    "dynamixel_2r": "dynamixel_2r",
-    "flybody": "fruitfly",
-    "fourier_n1": "n1",
-    "franka_emika_panda": "panda",
-    "franka_fr3": "fr3",
-    "franka_fr3_v2": "fr3v2",
-    "google_barkour_v0": "barkour_v0",
-    "google_barkour_vb": "barkour_vb",
-    "google_robot": "robot",
-    "hello_robot_stretch": "stretch",
-    "hello_robot_stretch_3": "stretch",
-    "honi_robot": "honi_scene_v2.1",
-    "i2rt_yam": "yam",
-    "iit_softfoot": "softfoot",
-    "kinova_gen3": "gen3",
-    "kuka_iiwa_14": "iiwa14",
-    "leap_hand": "right_hand",
-    "low_cost_robot_arm": "low_cost_robot_arm",
-    "pal_talos": "talos_position",
-    "pal_tiago": "tiago_position",
-    "pal_tiago_dual": "tiago_dual_position",
-    "pndbotics_adam_lite": "adam_lite",
-    "rethink_robotics_sawyer": "sawyer",
-    "robot_soccer_kit": "robot_soccer_kit",
-    "robotiq_2f85": "2f85",
-    "robotiq_2f85_v4": "2f85",
-    "robotis_op3": "op3",
-    "robotstudio_so101": "so101",
-    "shadow_dexee": "shadow_dexee",
-    "shadow_hand": "right_hand",
-    "skydio_x2": "x2",
-    "stanford_tidybot": "tidybot",
-    "tetheria_aero_hand_open": "right_hand",
-    "toddlerbot_2xc": "toddlerbot_2xc",
-    "toddlerbot_2xm": "toddlerbot_2xm",
-    "trossen_vx300s": "vx300s",
-    "trossen_wx250s": "wx250s",
-    "trossen_wxai": "trossen_ai_bimanual",
-    "trs_so_arm100": "so_arm100",
-    "ufactory_lite6": "lite6",
-    "ufactory_xarm7": "xarm7",
-    "umi_gripper": "umi_gripper",
-    "unitree_a1": "a1",
-    "unitree_g1": "g1_with_hands",
-    "unitree_go1": "go1",
-    "unitree_go2": "go2",
-    "unitree_h1": "h1",
-    "unitree_z1": "z1_gripper",
-    "universal_robots_ur10e": "ur10e",
-    "universal_robots_ur5e": "ur5e",
-    "wonik_allegro": "right_hand",
-}
+_MAIN_FILES = """
+agilex_piper/piper agility_cassie/cassie aloha/aloha anybotics_anymal_b/anymal_b anybotics_anymal_c/anymal_c
+apptronik_apollo/apptronik_apollo arx_l5/arx_l5 berkeley_humanoid/berkeley_humanoid bitcraze_crazyflie_2/cf2
+booster_t1/t1 boston_dynamics_spot/spot_arm dynamixel_2r/dynamixel_2r flybody/fruitfly fourier_n1/n1
+franka_emika_panda/panda franka_fr3/fr3 franka_fr3_v2/fr3v2 google_barkour_v0/barkour_v0 google_barkour_vb/barkour_vb
+google_robot/robot hello_robot_stretch/stretch hello_robot_stretch_3/stretch honi_robot/honi_scene_v2.1 i2rt_yam/yam
+iit_softfoot/softfoot kinova_gen3/gen3 kuka_iiwa_14/iiwa14 leap_hand/right_hand low_cost_robot_arm/low_cost_robot_arm
+pal_talos/talos_position pal_tiago/tiago_position pal_tiago_dual/tiago_dual_position pndbotics_adam_lite/adam_lite
+rethink_robotics_sawyer/sawyer robot_soccer_kit/robot_soccer_kit robotiq_2f85/2f85 robotiq_2f85_v4/2f85
+robotis_op3/op3 robotstudio_so101/so101 shadow_dexee/shadow_dexee shadow_hand/right_hand skydio_x2/x2
+stanford_tidybot/tidybot tetheria_aero_hand_open/right_hand toddlerbot_2xc/toddlerbot_2xc
+toddlerbot_2xm/toddlerbot_2xm trossen_vx300s/vx300s trossen_wx250s/wx250s trossen_wxai/trossen_ai_bimanual
+trs_so_arm100/so_arm100 ufactory_lite6/lite6 ufactory_xarm7/xarm7 umi_gripper/umi_gripper unitree_a1/a1
+unitree_g1/g1_with_hands unitree_go1/go1 unitree_go2/go2 unitree_h1/h1 unitree_z1/z1_gripper
+universal_robots_ur10e/ur10e universal_robots_ur5e/ur5e wonik_allegro/right_hand
+"""
+FILES = {folder: file for folder, _, file in (path.partition("/") for path in _MAIN_FILES.split())}
 """The main file of each folder; ``realsense_d435i``, a camera without joints, is no robot."""
 
 _OF_OTHERS = ("honi_robot",)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import mujoco
 import numpy as np
 import pytest
@@ -14,22 +12,20 @@ from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.replay import replay_log
 from tests.robots.geom_distance import Distances
+from tests.robots.published import ROBOTS
 from tests.robots.throws import write_throw
-
-
-def thrown(test):
-    """Of 20 throws at a robot, two in a plain run."""
-    for mark in (pytest.mark.robots, pytest.mark.slow, pytest.mark.long, pytest.mark.parametrize("seed", range(20))):
-        test = mark(test)
-    return test
-
 
 DEEPEST_M = 1e-9
 """What the check *no penetration* allows, and *no joint past its limit* in rad or m."""
 
 
-def throw_passes(robot: str, seed: int, folder: Path) -> None:
-    throw = write_throw(robot, seed, folder)
+@pytest.mark.robots
+@pytest.mark.slow
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_throws_at_a_robot(robot, seed, tmp_path):
+    throw = write_throw(robot, seed, tmp_path)
     run = ffsm_mj.run(throw.path)
     assert run.outcome == "completed", run.message
     assert run.time[-1] == pytest.approx(20.0)
@@ -61,26 +57,6 @@ def judge(run: Run, model: mujoco.MjModel) -> None:
         assert (here >= low - DEEPEST_M).all(), (time_s, joints[here < low])
         assert (here <= high + DEEPEST_M).all(), (time_s, joints[here > high])
     assert near >= len(run.impacts)  # the check saw every pair that hit
-
-
-@thrown
-def test_throws_at_the_panda(seed, tmp_path):
-    throw_passes("panda", seed, tmp_path)
-
-
-@thrown
-def test_throws_at_the_ur5(seed, tmp_path):
-    throw_passes("ur5", seed, tmp_path)
-
-
-@thrown
-def test_throws_at_the_iiwa(seed, tmp_path):
-    throw_passes("iiwa", seed, tmp_path)
-
-
-@thrown
-def test_throws_at_the_quadruped(seed, tmp_path):
-    throw_passes("quadruped", seed, tmp_path)
 
 
 GEOMS = {
