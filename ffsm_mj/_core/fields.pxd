@@ -3,14 +3,17 @@ from ffsm_mj._core.functions cimport mjData, mjModel
 
 cdef class Bodies:
     cdef readonly tuple names
-    cdef readonly object mass_kg, inertia_kg_m2, position_m, axes, velocity_m_s, angular_velocity_rad_s, controls
+    cdef readonly object mass_kg, inertia_kg_m2, position_m, axes, velocity_m_s, angular_velocity_rad_s
     cdef object forces, torques
     cdef Py_ssize_t count
     cdef double[::1] mass
+    cdef const double[::1] control
     cdef double[:, ::1] inertia, position, turn, velocity, spin, force, torque
 
 
 cdef class CompiledField:
+    cdef bint by_controls
+
     cpdef int add_wrenches(self, double time_s, Bodies bodies) except -1
 
 
@@ -28,7 +31,8 @@ cdef class FieldForces:
     cdef double[:, ::1] total, rates, sums, work
     cdef double[::1] applied, generalised
     cdef bint is_lasting, is_rated  # whether the forces follow from the state; whether the rates are those evaluated last
-    cdef double[::1] last_qpos, last_qvel
+    cdef bint by_controls
+    cdef double[::1] last_qpos, last_qvel, last_control
     cdef double last_s
 
     cpdef int push(self, data) except -1

@@ -16,7 +16,6 @@ class Bodies:
     angular_velocity_rad_s: FloatArray
     force_N: FloatArray
     torque_N_m: FloatArray
-    controls: FloatArray
     def __init__(self, names: Sequence[str], masses: FloatArray, inertias: FloatArray) -> None: ...
 
 class CompiledField:

@@ -27,7 +27,6 @@ cdef class Bodies:
         angular_velocity_rad_s: Angular velocities in world axes, (n, 3).
         force_N: To this a field adds the forces at the mass centres in world axes, (n, 3).
         torque_N_m: To this it adds the torques about the mass centres in world axes, (n, 3).
-        controls: Controls of the actuators of the model, (nu,).
     """
 
     def __init__(self, names, masses, inertias):
@@ -41,7 +40,7 @@ cdef class Bodies:
         self.mass, self.inertia, self.position = self.mass_kg, self.inertia_kg_m2, self.position_m
         self.turn, self.velocity = self.axes.reshape(-1, 9), self.velocity_m_s
         self.spin, self.force, self.torque = self.angular_velocity_rad_s, self.forces, self.torques
-        self.controls = np.zeros(0)
+        self.control = np.zeros(0)
 
     @property
     def force_N(self):
@@ -63,7 +62,8 @@ cdef class Bodies:
 
 
 cdef class CompiledField:
-    """A field of the core. Its forces follow from time, poses and twists alone: at one state they are evaluated once."""
+    """A field of the core. Its forces follow from time, poses and twists, and with ``by_controls`` from controls of actuators:
+    at one state they are evaluated once."""
 
     cpdef int add_wrenches(self, double time_s, Bodies bodies) except -1:
         """Add forces and torques to those of the bodies."""
@@ -119,6 +119,8 @@ cdef class FieldForces:
         # No state is the one evaluated last: NaN differs from every number.
         self.is_lasting = all(isinstance(field, CompiledField) for field in self.fields)
         self.last_qpos, self.last_qvel, self.last_s = np.full(model.nq, np.nan), np.full(model.nv, np.nan), NAN
+        compiled = [field for field in self.fields if isinstance(field, CompiledField)]
+        self.by_controls, self.last_control = any([(<CompiledField>one).by_controls for one in compiled]), np.zeros(model.nu)
 
     cpdef int push(self, data) except -1:
         """Add the generalised forces to ``data.qfrc_applied``; positions and velocities in ``data`` are current."""
@@ -146,20 +148,24 @@ cdef class FieldForces:
         self.centres, self.frames, self.twists = data.xipos, data.ximat, data.cvel
         self.subtree_centres, self.axes_of_dofs = data.subtree_com, data.cdof
         self.qpos, self.qvel, self.applied = data.qpos, data.qvel, data.qfrc_applied
-        self.bodies.controls = data.ctrl
+        self.bodies.control = data.ctrl
         return 0
 
     cdef bint is_last(self, double now) noexcept:
         """Whether a state is the one evaluated last, bit by bit; that becomes it."""
         cdef size_t places = self.qpos.shape[0] * sizeof(double), rates = self.qvel.shape[0] * sizeof(double)
+        cdef size_t controls = self.last_control.shape[0] * sizeof(double)
         # The end of a step is the start of the next one, and mostly the state of a row.
         if (
             self.is_lasting
             and now == self.last_s
             and memcmp(&self.qvel[0], &self.last_qvel[0], rates) == 0
             and memcmp(&self.qpos[0], &self.last_qpos[0], places) == 0
+            and (not self.by_controls or memcmp(&self.bodies.control[0], &self.last_control[0], controls) == 0)
         ):
             return True
+        if self.by_controls:
+            memcpy(&self.last_control[0], &self.bodies.control[0], controls)
         memcpy(&self.last_qpos[0], &self.qpos[0], places)
         memcpy(&self.last_qvel[0], &self.qvel[0], rates)
         self.last_s = now

@@ -7,9 +7,9 @@ from collections.abc import Iterable
 import mujoco
 import numpy as np
 
+from ffsm_mj._core.magnetic import MagneticField
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.fields.interface import Field
-from ffsm_mj.fields.magnetic import MagneticField
 from ffsm_mj.fields.orbit import Orbit
 
 

@@ -1,7 +1,7 @@
 """Magnetorquers, which a scenario adds to the scene: actuators at sites whose commands are magnetic dipoles.
 
 MJCF has no such element. In the compiled model each is a plain motor at a site whose gear is zero: it has a name, a command,
-limits and delays as all others, and no force of its own. :mod:`ffsm_mj.fields.magnetorquers` makes the torque.
+limits and delays as all others, and no force of its own. :mod:`ffsm_mj._core.magnetic` makes the torque.
 """
 
 from __future__ import annotations

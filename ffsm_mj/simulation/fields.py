@@ -9,12 +9,13 @@ import mujoco
 import numpy as np
 
 from ffsm_mj._core.fields import Bodies, CompiledField, FieldForces
+from ffsm_mj._core.magnetic import MagneticField, Magnetorquers, TorqueSample
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.interface import ForceOrder, ForceSource, Scene
 from ffsm_mj.dynamics.motion import Motion
+from ffsm_mj.dynamics.rigid_body import rotation_matrix
 from ffsm_mj.fields.interface import Field
-from ffsm_mj.fields.magnetic import MagneticField
-from ffsm_mj.fields.magnetorquers import Magnetorquers
+from ffsm_mj.model.magnetorquers import Magnetorquer
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.contact_forces import Wrench
@@ -34,6 +35,29 @@ def bodies_of(system: System) -> Bodies:
     ids, _ = moving_bodies(system)
     model = system.mj
     return Bodies([model.body(i).name for i in ids], model.body_mass[ids], model.body_inertia[ids])
+
+
+def magnetorquers_in(
+    model: Any, bodies: Bodies, magnetorquers: Sequence[Magnetorquer], magnetic: MagneticField
+) -> Magnetorquers:
+    """Magnetorquers as a field on the bodies of a model.
+
+    Args:
+        model: MuJoCo model, with the magnetorquers as actuators.
+        bodies: Its moving bodies.
+        magnetorquers: The magnetorquers.
+        magnetic: The magnetic field.
+    """
+    actuators = [int(model.actuator(one.name).id) for one in magnetorquers]
+    places, axes = list[int](), []
+    for one, actuator in zip(magnetorquers, actuators, strict=True):
+        site = int(model.actuator_trnid[actuator, 0])
+        body = int(model.site_bodyid[site])
+        places.append(bodies.names.index(model.body(body).name))
+        axis = rotation_matrix(model.site_quat[site])[:, "xyz".index(one.axis)]
+        # Bodies have their principal axes in world axes.
+        axes.append(np.asarray(rotation_matrix(model.body_iquat[body]).T @ axis))
+    return Magnetorquers(actuators, places, axes, magnetic)
 
 
 def _torque_signals(system: System) -> Iterator[Signal]:
@@ -78,10 +102,9 @@ class ExternalFields(ForceSource):
         }
         self._ids, self._trees = moving_bodies(scene.system)
         self._torquers = self._torquers_of(scene.system, bodies_of(scene.system))
-        if self._torquers:
-            signals = tuple(_torque_signals(scene.system))
-            self._torques = np.zeros(len(signals))
-            self.columns = (Columns(signals, live=self._torques, on_sample=self._sample),)
+        for torquers in self._torquers:
+            sample = TorqueSample(torquers, self, scene.data.ctrl)
+            self.columns = (Columns(tuple(_torque_signals(scene.system)), live=sample.row, on_sample=sample),)
 
     def bind(self, motion: Motion) -> None:
         """Act in another motion."""
@@ -97,13 +120,7 @@ class ExternalFields(ForceSource):
         """The magnetorquers of a system as one field; none: there are none."""
         if self._magnetic is None:
             return ()
-        return (Magnetorquers(system.mj, bodies, system.magnetorquers, self._magnetic),)
-
-    def _sample(self, time_s: float) -> None:
-        """Update the columns."""
-        self.forces.evaluate_now()
-        for torquers in self._torquers:
-            self._torques[:] = torquers.torques(time_s, self.forces.bodies, self.scene.data.ctrl).ravel()
+        return (magnetorquers_in(system.mj, bodies, system.magnetorquers, self._magnetic),)
 
     def forces_in(self, system: System) -> FieldForces:
         """The forces in another system with the same bodies, as a control law knows it, at the state in any data of it."""
