@@ -11,9 +11,8 @@ from ffsm_mj.log import foxglove as viewer
 from ffsm_mj.log.drawing import NOMINAL_M
 from ffsm_mj.log.markers import ARROW_M, SHOWN_S, marks_topic
 from ffsm_mj.log.mcap import format as form
-from ffsm_mj.records.events import ControllerReport
 from ffsm_mj.records.kinds import kinds
-from ffsm_mj.records.record import meanings
+from ffsm_mj.records.record import ControllerReport, meanings
 from ffsm_mj.records.signals import GROUPS, unit_of
 
 HEAD = """# Log reference

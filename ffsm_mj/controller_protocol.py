@@ -55,8 +55,9 @@ from ffsm_mj.model.system import Joint, SharedJoints, System, Tree, driven_bodie
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.command import Command, ExternalCommand
 from ffsm_mj.records.contact_forces import ActiveContact
-from ffsm_mj.records.events import ControllerReport, ImpactRecord, PhaseRecord
+from ffsm_mj.records.events import ImpactRecord, PhaseRecord
 from ffsm_mj.records.kinds import kind_named
+from ffsm_mj.records.record import ControllerReport
 from ffsm_mj.records.recorded_table import RecordedTable, TableError
 from ffsm_mj.records.signals import Signal, identifier
 from ffsm_mj.sensing.measured import Estimator, Measurement

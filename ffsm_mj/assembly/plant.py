@@ -39,9 +39,8 @@ from ffsm_mj.log.recorder import RECORDED_ROWS
 from ffsm_mj.model.actuators import has_servos
 from ffsm_mj.model.inputs import controller_of, further_inputs
 from ffsm_mj.model.system import System
-from ffsm_mj.records.events import RunEnded
+from ffsm_mj.records.events import EFFORT_CHANGE, RunEnded
 from ffsm_mj.records.metadata import orbit_metadata
-from ffsm_mj.records.run_kinds import EFFORT_CHANGE
 from ffsm_mj.scenario.environment import EnvironmentConfig
 from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.sensing.sensor import sensors_of

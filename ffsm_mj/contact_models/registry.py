@@ -20,8 +20,8 @@ from ffsm_mj.contact_models.persistent.record import (
 )
 from ffsm_mj.plugins import Plugins
 from ffsm_mj.records import kinds
+from ffsm_mj.records.events import EFFORT_CHANGE, INTERNAL_ERROR, OUTCOME, PHASE
 from ffsm_mj.records.kinds import RecordKind
-from ffsm_mj.records.run_kinds import EFFORT_CHANGE, INTERNAL_ERROR, OUTCOME, PHASE
 
 GROUP = "ffsm_mj.contact_models"
 BUILT_IN_KINDS = ("impact", "contact", "grasp")

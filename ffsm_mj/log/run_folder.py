@@ -6,20 +6,19 @@ import errno
 import json
 import os
 import stat
-import struct
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
+from itertools import takewhile
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from mcap.exceptions import McapError
-from mcap.records import Attachment, Chunk
-from mcap.stream_reader import StreamReader
+from mcap.records import Attachment, Metadata
 
-from ffsm_mj.errors import InputError, LogWriteError
+from ffsm_mj.errors import InputError, LogError, LogWriteError
 from ffsm_mj.invocation import command, option
 from ffsm_mj.log.mcap.format import is_plain
+from ffsm_mj.log.mcap.salvage import opened
 from ffsm_mj.records.run_log import RunHeader
 from ffsm_mj.similar_names import similar_file
 
@@ -150,7 +149,6 @@ RECORDED = "recorded"
 BEFORE = "before"
 """Folder of what is kept of the run from which a run goes on, likewise."""
 _FOLDERS = (f"{MODELS}/", f"{RECORDED}/", f"{BEFORE}/")
-_UNREADABLE = (McapError, OSError, struct.error, ValueError, LookupError, MemoryError, OverflowError, StopIteration)
 
 
 def existing(folder: Path, names: Iterable[str]) -> list[str]:
@@ -184,15 +182,10 @@ def _blocked(folder: Path, name: str) -> Path | None:
 def _models(log: Path) -> list[str]:
     """Names of the files of models and of control laws in a log, as far as it is readable; others are ignored."""
     names = []
-    try:
-        with log.open("rb") as stream:
-            for record in StreamReader(stream, emit_chunks=True, record_size_limit=log.stat().st_size).records:
-                if isinstance(record, Chunk):
-                    break
-                if isinstance(record, Attachment) and record.name.startswith(_FOLDERS) and is_plain(record.name):
-                    names.append(record.name)
-    except _UNREADABLE:
-        pass
+    with suppress(LogError), opened(log) as file:
+        for record in takewhile(lambda record: isinstance(record, Metadata | Attachment), file.records()):
+            if isinstance(record, Attachment) and record.name.startswith(_FOLDERS) and is_plain(record.name):
+                names.append(record.name)
     return names
 
 
@@ -202,7 +195,8 @@ RECORDING = "run.rrd"
 SCENARIO = "scenario.yaml"
 SUMMARY = "summary.json"
 SENSITIVITY = "sensitivity.csv"
-_RUN_FILES = (LOG, PARTIAL_LOG, RECORDING, SCENARIO, SUMMARY, SENSITIVITY)
+# The partial log first: one that is renamed while names are looked up is then found by its other name.
+_RUN_FILES = (PARTIAL_LOG, LOG, RECORDING, SCENARIO, SUMMARY, SENSITIVITY)
 
 
 class RunFolder:

@@ -15,8 +15,7 @@ from typing import Any, NamedTuple, get_args, get_origin
 
 from ffsm_mj.arrays import IntArray
 from ffsm_mj.errors import unknown_name
-from ffsm_mj.records.events import ControllerReport
-from ffsm_mj.records.record import ONE_VALUE, columns_of, hints_of, lengths_of, meanings
+from ffsm_mj.records.record import ONE_VALUE, ControllerReport, columns_of, hints_of, meanings
 from ffsm_mj.records.signals import Layout
 
 SUMMARY_KEYS = frozenset(
@@ -121,11 +120,6 @@ class RecordKind:
     def columns(self) -> Mapping[str, tuple[str, str]]:
         """Unit and text of the columns of its table, see :func:`.record.columns_of`; the time is the first one."""
         return dict(sorted(columns_of(self.record).items(), key=lambda column: column[0] != "time_s"))
-
-    @property
-    def lengths(self) -> Mapping[str, int]:
-        """How many values its fields hold, see :func:`.record.lengths_of`."""
-        return lengths_of(self.record)
 
 
 def register(kind: RecordKind, *, checked: bool = False) -> None:

@@ -24,6 +24,8 @@ from ffsm_mj.records.signals import unit_of
 Values = tuple[float, ...]
 ByName = Mapping[str, Values]
 """Numbers by the name of the joint, actuator or subsystem that has them."""
+ControllerReport = Mapping[str, float | int | str]
+"""Report of a control law on a phase: finite numbers and texts by name."""
 ONE_VALUE = (float, int, str)
 """Types of a field with one value."""
 _IN_ONE_COLUMN = (*ONE_VALUE, float | None, tuple[str, ...])

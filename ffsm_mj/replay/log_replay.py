@@ -17,8 +17,7 @@ from ffsm_mj.controller_protocol import Command
 from ffsm_mj.errors import ControllerError
 from ffsm_mj.log.recorder import RECORDED_ROWS
 from ffsm_mj.log.sampling import BETWEEN, NOWHERE, Sampling
-from ffsm_mj.records.events import RunEnded
-from ffsm_mj.records.run_kinds import EffortChange
+from ffsm_mj.records.events import EffortChange, RunEnded
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.replay.logged_events import EventCheck, LoggedEvents
 from ffsm_mj.replay.logged_motion import LoggedMotion

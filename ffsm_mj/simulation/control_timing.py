@@ -15,7 +15,7 @@ from ffsm_mj.actuation.actuation import Actuation
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime, LoggedEvent, Scene
 from ffsm_mj.controller_protocol import Command
-from ffsm_mj.records.run_kinds import EFFORT_CHANGE, EffortChange
+from ffsm_mj.records.events import EFFORT_CHANGE, EffortChange
 from ffsm_mj.sensing.sensor import NoiseStream
 from ffsm_mj.state import Stateful
 from ffsm_mj.tolerances import SCHEDULED_S

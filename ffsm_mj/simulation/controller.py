@@ -17,8 +17,8 @@ from ffsm_mj.model.driven_joints import needs_motors
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.command import ExternalCommand
 from ffsm_mj.records.contact_forces import ActiveContacts
-from ffsm_mj.records.events import ControllerReport, ImpactRecord, Outcome, PhaseRecord, RunEnded
-from ffsm_mj.records.run_kinds import EffortChange
+from ffsm_mj.records.events import EffortChange, ImpactRecord, Outcome, PhaseRecord, RunEnded
+from ffsm_mj.records.record import ControllerReport
 from ffsm_mj.sensing.measured import Measured
 from ffsm_mj.simulation.plant import Plant
 from ffsm_mj.simulation.progress import EventDue, records_as_state, records_of_state

@@ -21,8 +21,7 @@ from ffsm_mj.controller_protocol import Observation
 from ffsm_mj.errors import described
 from ffsm_mj.log.recorder import Recorder
 from ffsm_mj.model.mujoco_process import collected_warnings
-from ffsm_mj.records.events import Outcome, OutcomeRecord, RunEnded
-from ffsm_mj.records.run_kinds import EffortChange
+from ffsm_mj.records.events import EffortChange, Outcome, OutcomeRecord, RunEnded
 from ffsm_mj.simulation.controller import Evaluation, TaskController
 from ffsm_mj.simulation.outcome import Ended, Guard
 from ffsm_mj.simulation.plant import Plant

@@ -15,7 +15,8 @@ import mujoco
 
 from ffsm_mj.errors import ControllerError, LogWriteError, described, raised_at, raised_in
 from ffsm_mj.log.recorder import Recorder
-from ffsm_mj.records.events import ControllerReport, InternalErrorRecord, Outcome, RunEnded
+from ffsm_mj.records.events import InternalErrorRecord, Outcome, RunEnded
+from ffsm_mj.records.record import ControllerReport
 from ffsm_mj.simulation.controller import TaskController
 from ffsm_mj.simulation.progress import Progress
 

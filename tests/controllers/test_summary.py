@@ -18,8 +18,7 @@ from ffsm_mj.analysis.run import Run
 from ffsm_mj.controller_protocol import Command, Observation
 from ffsm_mj.errors import ControllerError
 from ffsm_mj.log.mcap.format import decode_record, encode_record
-from ffsm_mj.records.events import OutcomeRecord
-from ffsm_mj.records.run_kinds import OUTCOME
+from ffsm_mj.records.events import OUTCOME, OutcomeRecord
 from tests.scenes import two_balls
 
 

@@ -21,9 +21,8 @@ from ffsm_mj.log.drawing import Frames, marker_scale, shapes
 from ffsm_mj.log.foxglove import TransformsCodec, ViewerTopics, outline_cloud
 from ffsm_mj.log.markers import ARROW_M
 from ffsm_mj.log.mcap.sink import BlockWriter
-from ffsm_mj.records.events import OutcomeRecord, UnhandledContactRecord
+from ffsm_mj.records.events import OUTCOME, OutcomeRecord, UnhandledContactRecord
 from ffsm_mj.records.kinds import kind_of
-from ffsm_mj.records.run_kinds import OUTCOME
 from ffsm_mj.records.run_log import RunHeader
 from ffsm_mj.records.signals import Layout, Signal, coordinate_keys
 from tests.log.markers import scale_of

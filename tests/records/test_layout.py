@@ -15,7 +15,7 @@ from ffsm_mj.analysis.intervals import ContactInterval, GraspInterval
 from ffsm_mj.analysis.tables import MomentumRow
 from ffsm_mj.contact_models import registry  # registers the kinds
 from ffsm_mj.records.kinds import RecordKind, kinds
-from ffsm_mj.records.record import columns_of
+from ffsm_mj.records.record import columns_of, lengths_of
 
 FILE = Path(__file__).with_name("layout.json")
 
@@ -36,7 +36,7 @@ def layout() -> str:
         for kind in kinds()
         for part, found in (
             ("columns", list(kind.columns) if kind.plural else []),
-            ("lengths", [f"{field} {length}" for field, length in sorted(kind.lengths.items())]),
+            ("lengths", [f"{field} {length}" for field, length in sorted(lengths_of(kind.record).items())]),
             ("summary", list(kind.summary(some_record(kind))) if kind.summarised else []),
         )
         if found

@@ -105,7 +105,7 @@ def test_fields_of_built_in_records_say_what_they_mean(kind):
 
 
 @pytest.mark.long(one_of=8)
-@pytest.mark.parametrize("before", ["", "import ffsm_mj.contact_models.grasp.records, ffsm_mj.records.run_kinds"])
+@pytest.mark.parametrize("before", ["", "import ffsm_mj.contact_models.grasp.records, ffsm_mj.records.events"])
 @pytest.mark.parametrize("module", ["log.recorder", "log.mcap.reader", "log.mcap.sink", "assembly.plant"])
 def test_who_handles_logs_knows_the_built_in_kinds_in_their_order(before, module):
     """The registry starts empty, and the order does not depend on what is imported first."""

@@ -23,9 +23,8 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.log import limits
-from ffsm_mj.records.events import ControllerReport
 from ffsm_mj.records.kinds import RecordKind, kind_of
-from ffsm_mj.records.record import hints_of
+from ffsm_mj.records.record import ControllerReport, hints_of, lengths_of
 from ffsm_mj.records.signals import GROUPS, TIME, Layout, Signal
 
 SAMPLE_TOPIC = "/ffsm/sample"
@@ -335,7 +334,7 @@ def _is_reportable(value: Any) -> bool:
 
 def _check_lengths(kind: RecordKind, values: Mapping[str, Any]) -> None:
     """Check the lengths of vectors, which a schema does not contain."""
-    for place, length in kind.lengths.items():
+    for place, length in lengths_of(kind.record).items():
         name, _, key = place.partition(".")
         value = values[name].get(key, ()) if key else values[name]
         if len(value) != length:
