@@ -1,6 +1,8 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True
 """The orbit of the origin of a scene: its motion, the field about it, and robot and objects relative to its axes."""
 
+from threading import Lock
+
 import numpy as np
 
 from libc.math cimport cos, fabs, floor, NAN, sin, sqrt
@@ -42,11 +44,12 @@ cdef class PiecewiseOrbit(Reference):
 
     cdef double piece_s
     cdef list pieces
+    cdef object lock
     cdef const double[:, ::1] piece  # the one in use, (degree + 1, 6)
     cdef Py_ssize_t number
 
     def __init__(self, double piece_s):
-        self.piece_s, self.pieces, self.number = piece_s, [], -1
+        self.piece_s, self.pieces, self.number, self.lock = piece_s, [], -1, Lock()
 
     def next_piece(self):
         """Coefficients of Chebyshev polynomials of position and velocity over the next piece, (degree + 1, 6)."""
@@ -59,8 +62,10 @@ cdef class PiecewiseOrbit(Reference):
         cdef double[6] state
         cdef int i
         if number != self.number:
-            while len(self.pieces) <= number:
-                self.pieces.append(np.ascontiguousarray(self.next_piece()))
+            # Runs in several threads share an orbit: two that made the same piece would shift all later ones by a piece.
+            with self.lock:
+                while len(self.pieces) <= number:
+                    self.pieces.append(np.ascontiguousarray(self.next_piece()))
             self.piece, self.number = self.pieces[number], number
         place = 2.0 * (time_s / self.piece_s - number) - 1.0
         for i in range(6):
