@@ -39,6 +39,7 @@ cdef class FieldForces:
     cdef int bind(self, data) except -1
     cdef bint is_last(self, double now) noexcept
     cdef int evaluate(self, data) except -1
+    cdef int refuse_numbers(self, field, double now, Bodies bodies) except -1
     cdef void see(self, Bodies bodies) noexcept
     cdef void generalise(self, Bodies bodies) noexcept
     cdef void add_generalised(self, double* applied) noexcept

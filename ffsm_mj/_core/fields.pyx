@@ -8,7 +8,7 @@ impulses are integrals over the stages of a step, by its own weights: their erro
 
 import numpy as np
 
-from libc.math cimport NAN
+from libc.math cimport isfinite, NAN
 from libc.string cimport memcmp, memcpy, memset
 
 from ffsm_mj._core.functions cimport address, mj, mjData, mjModel, mjSTATE_TIME
@@ -188,8 +188,27 @@ cdef class FieldForces:
                 (<CompiledField>field).add_wrenches(now, bodies)
             else:
                 field.add_wrenches(now, bodies)
+                self.refuse_numbers(field, now, bodies)
         self.generalise(bodies)
         self.last_s = now
+        return 0
+
+    cdef int refuse_numbers(self, field, double now, Bodies bodies) except -1:
+        """Refuse forces and torques that are not finite, by the name of the field that gave them."""
+        cdef Py_ssize_t k
+        cdef int i
+        cdef double place = 0.0, total
+        for k in range(bodies.count):
+            total = 0.0
+            for i in range(3):
+                place += bodies.position[k, i] + bodies.velocity[k, i] + bodies.spin[k, i]
+                total += bodies.force[k, i] + bodies.torque[k, i]
+            # Where the motion itself diverges, the run ends by its state.
+            if not isfinite(total) and isfinite(place):
+                raise ValueError(
+                    f"external field {field.kind!r}: force {bodies.force_N[k]} N, torque {bodies.torque_N_m[k]} N m on "
+                    f"{bodies.names[k]!r} at t = {now:.6g} s"
+                )
         return 0
 
     cdef void see(self, Bodies bodies) noexcept:
