@@ -19,6 +19,8 @@ from ffsm_mj.state import entries, fitting
 ACCEPTED_RESIDUAL = 1e-13
 """Relative residual at which a solution counts as exact to rounding."""
 cdef double _ACCEPTED_RESIDUAL = ACCEPTED_RESIDUAL
+# Newton's steps: from the extrapolation one or two do (docs/performance.md). Where twelve do not, the start was bad, and the
+# robust method gives another.
 cdef int _ITERATIONS = 12
 # Newton's error after a step is of the order of that step squared: after small ones what is left is rounding, or nearly.
 cdef double _NEARLY = 1e-6

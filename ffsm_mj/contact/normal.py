@@ -34,6 +34,7 @@ _WIDTH = 1e-4
 _ROUNDING = 1e-15
 """Rounding of a separation in m and of a direction in rad: directions whose separations differ by less tie."""
 _ITERATIONS = 20
+"""Newton's steps: up to 8 in the tests until one is below :data:`_ROUNDING`; all where rounding keeps them above it."""
 _LONGEST_STEP = 0.1
 """Longest Newton step, rad."""
 _FLATTEST = 1e-9

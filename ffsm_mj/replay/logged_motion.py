@@ -15,9 +15,12 @@ from ffsm_mj.replay.replayed_rows import LoggedRows, ReplayedRows
 from ffsm_mj.simulation.plant import Plant
 
 _WORTH = 8
-"""Fewer rows than these are not worth what it takes to bound the motion: the next attempts wait longer and longer."""
+"""Fewer rows than these are not worth what it takes to bound the motion: the next attempts wait longer and longer.
+
+An attempt takes some 0.3 ms (``resting``), a row of ``baseline`` 40 us in the core and 65 us in the loop.
+"""
 _LONGEST_PAUSE = 16
-"""Longest wait for the next attempt, in rows."""
+"""Longest wait for the next attempt, in rows: attempts in vain then take 0.3 ms per ms of the loop at the most."""
 
 
 class LoggedMotion:

@@ -115,7 +115,8 @@ _GOLDEN_TOLERANCE = 1e-6
 """Share of the interval to which a minimum is found: the function is flat there, its value is known to the square of
 this."""
 _SAMPLES = (0.25, 0.5, 0.75)
-"""Shares of a step at which a ratio is sampled: it has one or two extremes in it."""
+"""Shares of a step at which a ratio is sampled: it has one or two extremes in it. These are the fewest that see a dip beside
+a peak."""
 
 At = Callable[[float], Vectors]
 """Moves to a time of a step in s, and evaluates the relative vectors of the sites there."""

@@ -266,6 +266,7 @@ At = Callable[[float], Proximity]
 _FALL = 100.0
 """A pair that starts in contact touches again when its gap has fallen by this many times its rounding."""
 _ITERATIONS = 100
+"""The 40 that halve the interval leave 1e-12 of it, 1e-15 s of a step of 1 ms."""
 _KINKED = 20
 """Iterations after which every second one halves the interval: regula falsi has found the roots of smooth functions by then,
 but creeps along a gap that stays at rounding and then falls, as that of a cap that falls flat does."""

@@ -39,7 +39,7 @@ NONE = "nothing ahead"
 _NO_TURN = 1e-13
 """Slip whose direction changes by less than this share of the largest inverse mass is straight: some hundred EPSILON."""
 _ITERATIONS = 100
-"""Largest number of Newton's steps, which converge quadratically, from one side."""
+"""Largest number of Newton's steps, which converge quadratically, from one side: up to 7 in the tests."""
 
 
 @dataclass
