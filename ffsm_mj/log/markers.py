@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
+from ffsm_mj._core.orbit import lvlh_axes
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.dynamics.rigid_body import external_actuators
 from ffsm_mj.log.drawing import Frames, rotated
@@ -87,6 +88,22 @@ SHOWN_S = 2.0
 def marks_topic(kind: RecordKind) -> str:
     """Topic of ``run.mcap`` that holds the marks of a kind, below the topic of the scene."""
     return f"/scene/{kind.plural}"
+
+
+_REFERENCE = [f"orbit.{name}" for name in ("R_x_m", "R_y_m", "R_z_m", "V_x_m_s", "V_y_m_s", "V_z_m_s")]
+LVLH_ARROWS = {"V-bar": 0, "R-bar, to the central body": 2}
+"""Axes of LVLH that viewers draw at the world origin of a run in orbit."""
+
+
+def has_orbit(layout: Layout) -> bool:
+    """Whether a log has the columns of an orbit."""
+    return set(_REFERENCE) <= set(layout.index)
+
+
+def lvlh_frames(layout: Layout, rows: FloatArray) -> FloatArray:
+    """LVLH axes as columns in world axes in some rows of a log of a run in orbit, (n, 3, 3)."""
+    R, V = (np.ascontiguousarray(part) for part in np.split(rows[:, layout.places(_REFERENCE)], 2, axis=1))
+    return lvlh_axes(R, V, 0.0, (0.0, 0.0, 1.0))[0]
 
 
 class DrawnMark(NamedTuple):

@@ -11,8 +11,17 @@ import rerun as rr
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.dynamics.rigid_body import rotation_matrix
 from ffsm_mj.log.drawing import DrawnShape, Poser, rotated, shapes
-from ffsm_mj.log.markers import SHOWN_S, DrawnMark, MarkSequence, arrow_series, declared_arrows
-from ffsm_mj.log.palette import BLUE, FORCE, GHOST, MARK, ORANGE, PURPLE, SKY, TARGET_ON_DARK, TORQUE, VERMILION
+from ffsm_mj.log.markers import (
+    LVLH_ARROWS,
+    SHOWN_S,
+    DrawnMark,
+    MarkSequence,
+    arrow_series,
+    declared_arrows,
+    has_orbit,
+    lvlh_frames,
+)
+from ffsm_mj.log.palette import AXES, BLUE, FORCE, GHOST, MARK, ORANGE, PURPLE, SKY, TARGET_ON_DARK, TORQUE, VERMILION
 from ffsm_mj.log.rerun.layout import Opening
 from ffsm_mj.log.rerun.plots import FORCES, TORQUES, Recording
 from ffsm_mj.model.system import System
@@ -130,6 +139,30 @@ class Ghosts:
 def poses(positions: FloatArray, quaternions: FloatArray) -> Any:
     """Columns of the poses of a body: positions, (n, 3), m, and orientations wxyz, (n, 4)."""
     return rr.Transform3D.columns(translation=positions, quaternion=np.roll(quaternions, -1, axis=-1))  # xyzw
+
+
+class OrbitFrame:
+    """The entity ``world/orbit`` of a run in orbit: LVLH axes at the world origin, with arrows along V-bar and R-bar.
+
+    A 3-D view whose origin it is shows everything in LVLH axes.
+    """
+
+    def __init__(self, recording: Recording, layout: Layout, scale: float) -> None:
+        """Draw the arrows at a scale of markers; nothing without an orbit."""
+        self._recording, self._layout = recording, layout
+        if not has_orbit(layout):
+            return
+        axes = list(LVLH_ARROWS.values())
+        vectors, colours = 2.0 * scale * np.eye(3)[axes], [AXES[axis] for axis in axes]
+        radii, labels = [0.04 * scale], [*LVLH_ARROWS]
+        arrows = rr.Arrows3D(vectors=vectors, colors=colours, radii=radii, labels=labels, show_labels=True)
+        recording.constant("world/orbit/axes", arrows)
+
+    def send(self, rows: FloatArray, index: Any) -> None:
+        """Send the axes in some rows, (n, number of signals), at an index of their times."""
+        if has_orbit(self._layout):
+            frames = lvlh_frames(self._layout, rows)
+            self._recording.send("world/orbit", index, rr.Transform3D.columns(mat3x3=frames))
 
 
 class Target:

@@ -41,7 +41,7 @@ from ffsm_mj.log.rerun.plots import (
     sensing_tabs,
     thruster_looks,
 )
-from ffsm_mj.log.rerun.scene import Forces, Ghosts, Marks, Target, body_path, log_shapes, poses
+from ffsm_mj.log.rerun.scene import Forces, Ghosts, Marks, OrbitFrame, Target, body_path, log_shapes, poses
 from ffsm_mj.log.scenario import compile_log, logged_scenario
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event, OutcomeRecord
@@ -86,6 +86,7 @@ class RerunSink(Sink):
         self._plots = plots(layout, self._system, header.metadata)
         self._sensing = sensing_tabs(layout, self._system)
         self._ghosts = Ghosts(self._recording, self._system, layout)
+        self._orbit = OrbitFrame(self._recording, layout, self._scale)
         self._curves = [*self._plots, *(plot for tab in self._sensing.values() for plot in tab)]
         for plot in self._curves:
             widths = list(plot.widths) or [1.5] * len(plot.names)
@@ -141,6 +142,7 @@ class RerunSink(Sink):
             moved = poses(frames.positions[:, body], frames.quaternions[:, body])
             self._recording.send(body_path(self._system, body), index, moved)
         self._ghosts.send(frames.rows, index)
+        self._orbit.send(frames.rows, index)
         if self._target is not None:
             self._target.send(frames.rows, index)
         self._trails(frames, index)

@@ -39,6 +39,8 @@ from ffsm_mj.report.verification_report import stated_sensitivity
 from ffsm_mj.verification.check_result import Check
 
 _FIGURES = {
+    "orbit": "Path in LVLH: V-bar to the left, R-bar down to the central body",
+    "lvlh": "Base in LVLH",
     "tip": "Tip",
     "energies": "Energies",
     "momenta": "Momenta",
@@ -48,6 +50,8 @@ _FIGURES = {
     "conservation": "Residuals of the balances",
 }
 """Titles of the most important figures, in the order of the page."""
+_WITHOUT_TIME = ("orbit",)
+"""Figures without an axis of time."""
 _THEMED = {"000000": "ink", "ffffff": "paper", "d5d5d5": "grid", "f1f1f1": "shade", "0072b2": "blue", "444444": "faint"}
 """Colours that are replaced by CSS variables of the page."""
 _COLOUR = re.compile("#(" + "|".join(_THEMED) + ")", re.IGNORECASE)
@@ -69,7 +73,7 @@ def _inline(figure: Figure, name: str) -> str:
     svg = buffer.getvalue()
     svg = _NOISE.sub("", svg[svg.index("<svg") :])
     svg = _COLOUR.sub(lambda match: f"var(--{_THEMED[match[1].lower()]})", svg)
-    return svg.replace("</svg>", "".join(_cursors(figure)) + "</svg>")
+    return svg if name in _WITHOUT_TIME else svg.replace("</svg>", "".join(_cursors(figure)) + "</svg>")
 
 
 def _cursors(figure: Figure) -> list[str]:
@@ -213,6 +217,7 @@ def _key(run: Run, drawn: PageScene) -> list[str]:
         **_meanings(run),
         scene.PLUME: "firing thruster",
         scene.TARGET: "target",
+        **{colour: name for name, colour in scene.LVLH.items()},
     }
     return [
         f'<span class="key"><i style="background:#{colour:06x}"></i>{_escaped(word)}</span>'

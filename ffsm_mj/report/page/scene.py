@@ -27,7 +27,18 @@ from ffsm_mj.log.drawing import (
     robot_boxes,
     shapes,
 )
-from ffsm_mj.log.markers import DrawnMark, arrow_colour, arrow_series, declared_arrows, drawn_marks, plume_series, thrusters
+from ffsm_mj.log.markers import (
+    LVLH_ARROWS,
+    DrawnMark,
+    arrow_colour,
+    arrow_series,
+    declared_arrows,
+    drawn_marks,
+    has_orbit,
+    lvlh_frames,
+    plume_series,
+    thrusters,
+)
 from ffsm_mj.log.palette import packed
 from ffsm_mj.model.system import System
 from ffsm_mj.records.kinds import kind_of
@@ -109,6 +120,20 @@ def forces(header: RunHeader, poses: Poses, scale: float) -> Iterator[Any]:
         yield from _while(series.acts, arrow_solid(scale), colour, poses.times, series.origins, series.vectors)
 
 
+LVLH = {name: packed(palette.AXES[axis]) for name, axis in LVLH_ARROWS.items()}
+"""Colours of the arrows of LVLH by their meaning."""
+
+
+def lvlh_arrows(layout: Layout, poses: Poses, length_m: float) -> Iterator[Any]:
+    """Arrows along V-bar and R-bar at the world origin of a run in orbit, which turn in the world axes."""
+    if not has_orbit(layout):
+        return
+    frames = lvlh_frames(layout, poses.rows)
+    for name, axis in LVLH_ARROWS.items():
+        matrices = np.array([along_z(np.zeros(3), length_m * frame[:, axis]) for frame in frames])
+        yield solid(arrow_solid(0.5 * length_m), LVLH[name], _over_time(poses, matrices), {"0.0": True})
+
+
 def plumes(layout: Layout, system: System, poses: Poses, scale: float) -> Iterator[Any]:
     """A cone along the exhaust of each firing thruster, with length proportional to force over maximum force."""
     for thruster in thrusters(system, layout):
@@ -171,6 +196,8 @@ def single(values: Any) -> Any:
 BEFORE, AFTER, MARK, TARGET = map(packed, (palette.ROBOT_ON_DARK, palette.TIP_AFTER, palette.MARK, palette.ON_ANY_GROUND))
 """Colours of the tip's path before and after the first mark, of marks and of the target."""
 MOST_MARKS = 200
+_LVLH_SHARE = 0.2
+"""Length of the arrows of LVLH against the radius of the view."""
 
 
 @dataclass(frozen=True)
@@ -203,10 +230,11 @@ def scene(subject: Subject, poses: Poses) -> PageScene:
     middle, half = 0.5 * (low + high), 0.5 * np.maximum(high - low, 0.6 * np.max(high - low))
     plot.grid = [*np.floor(middle - half).tolist(), *np.ceil(middle + half).tolist()]
     plot.axes = ["x,\\,m", "y,\\,m", "z,\\,m"]
+    radius = 0.5 * float(np.linalg.norm(high - low)) or 1.0
     others = list(_others(subject, poses, marks[:MOST_MARKS], scale))
+    others += lvlh_arrows(subject.run.log.header.layout, poses, max(2.0 * scale, _LVLH_SHARE * radius))
     for drawn in (*_bodies(subject, poses), *others):
         plot += drawn
-    radius = 0.5 * float(np.linalg.norm(high - low)) or 1.0
     first_s = marks[0].time_s if marks else 0.0
     boxes = robot_boxes(subject.system, poses.positions)
     path = camera_path(poses.times, single(boxes).astype(np.float64), first_s, (low, high))

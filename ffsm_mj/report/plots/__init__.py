@@ -14,9 +14,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ffsm_mj.analysis.run import Run
+from ffsm_mj.log.markers import has_orbit
 from ffsm_mj.report.output_place import usable_folder, writing
 from ffsm_mj.report.plots.intervals import contacts, grasps
 from ffsm_mj.report.plots.motion import motion
+from ffsm_mj.report.plots.orbit import lvlh, orbit
 from ffsm_mj.report.plots.panels import envelope
 from ffsm_mj.report.plots.sensing import estimates, sensors
 from ffsm_mj.report.plots.style import COLOURS, FORMATS, LINE_STYLES, WIDTH_IN, plain, publication, write
@@ -45,9 +47,10 @@ MOST_RUNS = len(COLOURS)
 def figures(run: Run, names: Sequence[str] = ()) -> dict[str, Figure]:
     """Every figure that a run can have, by name.
 
-    ``motion``, ``base``, ``joints``, ``tip`` (with a task), ``torques`` (with motors), ``inputs`` (if a thruster or wheel is
-    active), ``contacts`` (with persistent contacts), ``grasps`` (with grasps), ``sensors``, ``estimates`` (with an
-    estimator), ``springs`` (of joints), ``momenta``, ``energies``, ``conservation`` (if energy and momenta are checked).
+    ``motion``, ``orbit`` and ``lvlh`` (in orbit), ``base``, ``joints``, ``tip`` (with a task), ``torques`` (with motors),
+    ``inputs`` (if a thruster or wheel is active), ``contacts`` (with persistent contacts), ``grasps`` (with grasps),
+    ``sensors``, ``estimates`` (with an estimator), ``springs`` (of joints), ``momenta``, ``energies``, ``conservation`` (if
+    energy and momenta are checked).
 
     Args:
         run: A run with at least one sample.
@@ -69,7 +72,7 @@ def figure_names(run: Run) -> list[str]:
 def _makers(run: Run, names: Sequence[str]) -> dict[str, Callable[[], Figure]]:
     """Functions that draw the figures that a run can have, by name; see :func:`figures`."""
     subject = Subject(run)
-    makers = {"motion": motion, "base": base}
+    makers = {"motion": motion, **({"orbit": orbit, "lvlh": lvlh} if has_orbit(run.log.header.layout) else {}), "base": base}
     makers |= {"joints": joints} if subject.arm_joints else {}
     makers |= {"tip": tip} if run.summary()["tip"] is not None else {}
     makers |= {"torques": torques} if subject.named("motor") else {}
