@@ -14,8 +14,8 @@ from matplotlib.colors import LinearSegmentedColormap, TwoSlopeNorm
 from matplotlib.figure import Figure
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.impact.friction import stronge
 from ffsm_mj.contact_models.impact.friction.coulomb import CoulombProblem, coulomb
+from ffsm_mj.contact_models.impact.friction.routh import stronge
 from ffsm_mj.report.plots.style import BLACK, BLUE, VERMILION, WIDTH_IN, publication, write
 from ffsm_mj.tolerances import SOLVED
 

@@ -19,6 +19,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.grasp.records import GraspRecord, ReleaseRecord
+from ffsm_mj.contact_models.impact.friction.result import tangents
 from ffsm_mj.contact_models.impact.law import law_of_record
 from ffsm_mj.contact_models.impact.records import LimitImpactRecord
 from ffsm_mj.contact_models.impact.replayed_impact import along_row
@@ -257,8 +258,6 @@ def _directions(
     model: Any, data: Any, event: Sequence[_Record], contacts: Sequence[Contact | LimitContact]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Rows along (normal, t1, t2) of each contact, (3k, nv), and its record along them: see :class:`_CheckedImpact`."""
-    from ffsm_mj.contact_models.impact.friction import tangents
-
     rows, impulses, speeds = [], [], []
     for record, contact in zip(event, contacts, strict=True):
         if isinstance(record, LimitImpactRecord):

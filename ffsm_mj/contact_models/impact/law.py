@@ -321,7 +321,7 @@ class _BuiltIn(ImpactLaw):
 
     def _with_friction(self, problem: ImpactProblem) -> ImpactSolution:
         # Imported only for contacts with friction: its solvers take time to load.
-        from ffsm_mj.contact_models.impact.friction import impact_with_friction
+        from ffsm_mj.contact_models.impact.friction.laws import impact_with_friction
 
         solution = impact_with_friction(problem.A, problem.w, problem.mu, problem.restitution, self.name)
         return ImpactSolution(solution.impulses[:, 0], solution.status, solution.law, solution)

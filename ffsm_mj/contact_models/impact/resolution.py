@@ -28,6 +28,7 @@ from ffsm_mj.contact.broad_phase import BroadPhase
 from ffsm_mj.contact.joint_limit import TendonLimit
 from ffsm_mj.contact.pairs import UnilateralConstraint
 from ffsm_mj.contact.proximity import Proximity
+from ffsm_mj.contact_models.impact.friction.result import tangents
 from ffsm_mj.contact_models.impact.law import ImpactLaw, ImpactProblem, friction_of, impact_law, impact_laws, solve_impact
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.dynamics.loops.closed_loops import without_rounding
@@ -294,8 +295,6 @@ def resolve_with_friction(
 
 def _tangents(contact: Contact | LimitContact) -> FloatArray:
     """Two unit vectors across the normal, (2, 3); zero for a joint limit, which has none."""
-    from ffsm_mj.contact_models.impact.friction import tangents  # its solvers take time to load
-
     return np.zeros((2, 3)) if isinstance(contact, LimitContact) else tangents(np.asarray(contact.normal))
 
 

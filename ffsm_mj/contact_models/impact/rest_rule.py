@@ -24,6 +24,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.pairs import UnilateralConstraint
 from ffsm_mj.contact.proximity import Proximity, SecondRate
+from ffsm_mj.contact_models.impact.friction.result import tangents
 from ffsm_mj.contact_models.impact.laws import least_norm, project
 from ffsm_mj.contact_models.impact.resolution import (
     ClosedPairs,
@@ -84,7 +85,6 @@ def _with_friction(
     motion: Motion, contacts: Sequence[Contact | LimitContact], rates: Sequence[SecondRate]
 ) -> FloatArray | None:
     """N . (G_ii lambda_i) of forces with friction, m/s^2, (k,); None if Coulomb's conditions have no solution."""
-    from ffsm_mj.contact_models.impact.friction import tangents  # its solvers take time to load
     from ffsm_mj.contact_models.impact.friction.coulomb import coulomb_forces
 
     across = [np.zeros((2, 3)) if isinstance(one, LimitContact) else tangents(np.asarray(one.normal)) for one in contacts]

@@ -240,7 +240,7 @@ class ClosedContacts:
         self.solver.flat = frozenset(pairs[name] for name in values["flat"])
         self.modes.set_state(values["modes"], self.contact_points)
         self._chosen = None
-        self.clear_stages()
+        self.stages.clear()
 
     @property
     def data(self) -> Any:
@@ -259,10 +259,6 @@ class ClosedContacts:
         self.solver.bind(motion)
         self.clearance.forget()
         self.modes.forget_structures()
-        self.clear_stages()
-
-    def clear_stages(self) -> None:
-        """Discard the stages of the last step: the state or the efforts changed discontinuously."""
         self.stages.clear()
 
     def set_points(self, pair: UnilateralConstraint, contact_points: Sequence[ContactPoint]) -> None:
@@ -341,10 +337,6 @@ class ClosedContacts:
     def decide(self) -> Decision:
         """Solve for the contact points that carry force at the state in ``data`` under its efforts."""
         return self.solver.decide(self.contact_points)
-
-    def assume(self, decision: Decision) -> None:
-        """Take a decision as that at the state in ``data`` under its efforts."""
-        self.solver.assume(decision)
 
     def leaving(self) -> tuple[ContactPoint, ...]:
         """Contact points whose gap acceleration is positive: they open."""

@@ -304,7 +304,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         Where a run goes on from the end of a step, those that have just been evaluated are the forces there.
         """
         if not self._resumes:
-            self._closed.clear_stages()
+            self._closed.stages.clear()
         self._resumes = False
 
     def holds(self, pair: UnilateralConstraint) -> bool:

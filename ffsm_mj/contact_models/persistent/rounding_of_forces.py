@@ -97,9 +97,9 @@ def varied_forces(closed: ClosedContacts) -> Iterator[None]:
     # The shortcut of steady states would write the forces of the state without the variation.
     closed.steady.is_varied = True
     for change in np.moveaxis(changes, 2, 0):
-        closed.assume(decision.changed_by(change))
+        closed.solver.assume(decision.changed_by(change))
         yield
-    closed.assume(decision)
+    closed.solver.assume(decision)
     closed.steady.is_varied = False
     # Shares with the least use start from the last ones: those of varied forces are no part of the run.
     closed.modes.estimates = estimates

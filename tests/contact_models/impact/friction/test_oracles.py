@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ffsm_mj.contact_models.impact.friction import impact_with_friction, stronge
 from ffsm_mj.contact_models.impact.friction.coulomb import CoulombProblem, coulomb
+from ffsm_mj.contact_models.impact.friction.laws import impact_with_friction
+from ffsm_mj.contact_models.impact.friction.routh import stronge
 from ffsm_mj.contact_models.impact.laws import FRICTIONLESS, _reflections, project
 from tests.contact_models.impact.friction.problems import PENDULUM, energy, newton_with_friction, problem, rod, rows
 from tests.contact_models.impact.friction.test_one_contact import random_contact

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ffsm_mj.contact_models.impact.friction import impact_with_friction, laws, result, routh, stronge
+from ffsm_mj.contact_models.impact.friction import laws, result, routh
+from ffsm_mj.contact_models.impact.friction.laws import impact_with_friction
+from ffsm_mj.contact_models.impact.friction.routh import stronge
 from ffsm_mj.errors import UnsupportedContactError
 from tests.contact_models.impact.friction.problems import SPHERE, energy, problem, rod, rows
 
