@@ -1,14 +1,21 @@
-"""The convex hull of points in the plane."""
+"""Convex hulls: of points in the plane, and how far that of a mesh, which is what collides, stands off its triangles."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
+import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 
 Point = Sequence[float] | FloatArray
+_SAMPLES_PER_EDGE = 4
+"""Points per edge of a facet of the hull."""
+_MOST_SAMPLES = 400
+_BLOCK = 4000
+"""Triangles compared with the samples at once."""
 
 
 def hull(points: FloatArray, *, merge: float = 0.0, straight: float = 0.0) -> FloatArray:
@@ -51,3 +58,62 @@ def _merged(ordered: Sequence[tuple[float, ...]], reach: float) -> list[tuple[fl
         if all(abs(p[0] - q[0]) + abs(p[1] - q[1]) > reach for q in kept):
             kept.append(p)
     return kept
+
+
+def hull_offset(model: Any, geom: int) -> float:
+    """Greatest distance of the convex hull of a geom's mesh from its triangles, m; 0 for other geoms.
+
+    Evaluated at points of the facets, so it is a lower bound, close where facets are small or flat areas large.
+    """
+    if int(model.geom_type[geom]) != int(mujoco.mjtGeom.mjGEOM_MESH):
+        return 0.0
+    mesh = int(model.geom_dataid[geom])
+    first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+    vertices = np.asarray(model.mesh_vert[first : first + count], dtype=np.float64)
+    start = int(model.mesh_faceadr[mesh])
+    triangles = vertices[model.mesh_face[start : start + int(model.mesh_facenum[mesh])]]
+    samples = _on_hull(vertices)
+    squared = np.full(len(samples), np.inf)
+    for block in range(0, len(triangles), _BLOCK):
+        squared = np.minimum(squared, _squared_distances(samples, triangles[block : block + _BLOCK]))
+    return float(np.sqrt(squared.max(initial=0.0)))
+
+
+def _on_hull(vertices: FloatArray) -> FloatArray:
+    """Points on the largest facets of the convex hull, (n, 3)."""
+    from scipy.spatial import ConvexHull, QhullError  # takes long to import: only descriptions of scenarios pay
+
+    try:
+        facets = vertices[ConvexHull(vertices).simplices]
+    except QhullError:  # flat: its hull is the mesh
+        return np.zeros((0, 3))
+    a, b, c = facets[:, 0], facets[:, 1], facets[:, 2]
+    largest = np.argsort(-np.linalg.norm(np.cross(b - a, c - a), axis=1))
+    steps = np.arange(1, _SAMPLES_PER_EDGE) / _SAMPLES_PER_EDGE
+    weights = np.array([(u, v, 1.0 - u - v) for u in steps for v in steps if u + v < 1.0])
+    kept = largest[: max(1, _MOST_SAMPLES // len(weights))]
+    return np.asarray(np.einsum("sk,fkx->fsx", weights, facets[kept]).reshape(-1, 3))
+
+
+def _squared_distances(points: FloatArray, triangles: FloatArray) -> FloatArray:
+    """Squared distance of each point from the nearest of some triangles, (n,).
+
+    A point projects into a triangle, or its nearest point is on one of the edges.
+    """
+    a, edges = triangles[:, 0], (triangles[:, [1, 2, 0]] - triangles)
+    normals = np.cross(edges[:, 0], -edges[:, 2])
+    area = np.einsum("ij,ij->i", normals, normals)
+    solid = area > 0.0
+    nearest = np.full(len(points), np.inf)
+    for i, point in enumerate(points):
+        to = point - triangles  # from each corner, (m, 3, 3)
+        along = np.einsum("mkx,mkx->mk", to, edges) / np.maximum(np.einsum("mkx,mkx->mk", edges, edges), 1e-300)
+        off = to - np.clip(along, 0.0, 1.0)[:, :, None] * edges
+        best = np.einsum("mkx,mkx->mk", off, off).min()
+        side = np.einsum("mx,mkx->mk", normals, np.cross(edges, to))
+        inside = solid & (side >= 0.0).all(axis=1)
+        if inside.any():
+            height = np.einsum("mx,mx->m", (point - a)[inside], normals[inside])
+            best = min(best, float((height**2 / area[inside]).min()))
+        nearest[i] = best
+    return nearest

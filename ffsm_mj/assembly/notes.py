@@ -21,7 +21,6 @@ from ffsm_mj.assembly.grasps import grasps_of
 from ffsm_mj.assembly.orbit_notes import orbit_lines, orbit_notes
 from ffsm_mj.assembly.plant import rounded_down, spring_lines
 from ffsm_mj.contact.joint_limit import JointLimit
-from ffsm_mj.contact.mesh_hull import hull_offset
 from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.contact_models.grasp.loops import closing_pose, loop_latch
 from ffsm_mj.contact_models.grasp.model import GraspModel
@@ -34,6 +33,7 @@ from ffsm_mj.dynamics.loops.equalities import ConstrainedModel, equalities_of
 from ffsm_mj.dynamics.reach import Reach, reach_of
 from ffsm_mj.dynamics.stiff_actuators import StiffActuators
 from ffsm_mj.errors import described
+from ffsm_mj.hull import hull_offset
 from ffsm_mj.log.drawing import CheckedPair, InitialScene, NamedPoint
 from ffsm_mj.model.actuators import servo_mask
 from ffsm_mj.model.grasp import Grasp

@@ -168,7 +168,7 @@ class Latch:
     def was_clear(self, longest_s: float) -> bool:
         """Whether its bounds hold neither at the end of the last step, of at most ``longest_s``, nor seem to inside it.
 
-        A value between the ends is bounded by the relative speeds there; see :meth:`.Bounds.may_dip` for what is assumed.
+        Values between the ends are bounded by the relative speeds at these, as ``Bounds.may_dip`` says.
         """
         # Without bounds nothing closes inside a step; without a start it was not watched in this one.
         if self._bounds is None or self._step_start is None:
