@@ -328,7 +328,7 @@ class Campaign:
         with closing(Store(self.folder.table)) as store:
             store.begin(self._settings)
             if store.settings != self._settings:
-                changes = settings_changes(store.settings, self._settings)
+                changes = settings_changes(store.settings or "", self._settings)
                 raise InputError(f"{self.folder.path}: its rows were made with other settings: {changes}")
             yield store
 

@@ -124,7 +124,7 @@ class Store:
     """The SQLite file. Numbers are read as they were written, bit for bit: JSON has all digits of a double.
 
     Attributes:
-        settings: The settings of its rows; empty before :meth:`begin`.
+        settings: The settings of its rows; None before :meth:`begin`.
     """
 
     def __init__(self, path: Path | str, *, write: bool = True, max_pages: int | None = None) -> None:
@@ -158,7 +158,7 @@ class Store:
         except BaseException:
             self._db.close()
             raise
-        self.settings = str(stored[0]) if stored else ""
+        self.settings: str | None = str(stored[0]) if stored else None
 
     def _refuse_foreign(self) -> None:
         stored = self._db.execute("PRAGMA user_version").fetchone()[0]
@@ -199,7 +199,7 @@ class Store:
         Raises:
             LogWriteError: The disk is full.
         """
-        if not self.settings:
+        if self.settings is None:
             with self._writing(), self._db:
                 self._db.execute("INSERT INTO settings VALUES (?)", (settings,))
             self.settings = settings
