@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.balance.test_tendon_springs import REACH
-from tests.contact_models.grasp.scenes import grasping
+from tests.contact_models.grasp.scenes import BOUNDS, grasping
 from tests.contact_models.grasp.test_latch_runs import docking
 from tests.contact_models.grasp.test_moving_link import catching
 from tests.contact_models.grasp.two_arms import holding
@@ -17,6 +17,7 @@ from tests.mechanisms.test_grips import holding as held_by_a_linkage
 from tests.simulation.restored import goes_on, is_rest_of
 
 SCENES = {
+    "an armed grasp": (lambda folder: grasping(folder, BOUNDS, duration_s=1.0), 0.5),
     "a soft latch": (lambda folder: docking(folder, "hinge"), 0.05),
     "a hard latch": (lambda folder: docking(folder, "hinge"), 0.15),
     "a latch of a link": (catching, 0.2),
@@ -28,7 +29,7 @@ SCENES = {
     "a grasp by rough joints": (lambda folder: grasping(folder, robot=ROUGH_JOINTS), 1.1),
     "a grasp by a rough cord": (lambda folder: grasping(folder, robot=CORD_OF_A_HAND), 1.1),
 }
-"""Scene, and a time at which its contact models hold or carry something, s."""
+"""Scene, and a time at which its contact models watch, hold or carry something, s."""
 
 
 @pytest.mark.usefixtures("example_contact_models")
