@@ -15,6 +15,8 @@ from ffsm_mj.simulation.fields import bodies_of, moving_bodies
 from ffsm_mj.tolerances import EPSILON
 
 _FAR_M = 1e4
+_HIGH = 20.0
+"""Semi-major axis over the radius of the central body: 1.3e5 km of the Earth, where the Moon makes a thousandth of the tide."""
 _FAST_M_S = 100.0
 _LONG_REST_S = 1.0
 
@@ -64,6 +66,12 @@ def orbit_notes(assembly: Assembly) -> Iterator[str]:
     if around is None or around.orbit is None:
         return
     orbit = Orbit.of(around.orbit, around.world_axes)
+    a, radius_m = (orbit.mu / orbit.rate_rad_s**2) ** (1.0 / 3.0), 1e3 * around.orbit.central_body.radius_km
+    if a > _HIGH * radius_m:
+        yield (
+            f"the semi-major axis is {a / 1e3:.4g} km, {a / radius_m:.3g} radii of the central body: there other bodies, "
+            "which are left out, are part of the tide; lengths of the orbit are in km, not in m"
+        )
     ids, _ = moving_bodies(system)
     far = float(np.linalg.norm(data.xipos[ids], axis=1).max())
     if far > _FAR_M:

@@ -516,6 +516,9 @@ def test_notes(tmp_path):
     assert "V-bar (0, 1, 0), R-bar (-1, 0, 0) in world axes" in lines
     assert "external fields (orbit): their impulse and work enter the balance" in lines
     assert "bodies are 20 km from the origin of the orbit: gaps are rounded to 4e-12 m" in lines
+    assert "not in m" not in lines
+    in_m = {"environment.orbit.altitude_km": 400e3}  # 400 km in m
+    assert "63.7 radii of the central body" in "\n".join(ffsm_mj.Scenario.load(path).with_overrides(in_m).describe())
 
 
 def test_angular_momentum_from_the_field(tmp_path):
