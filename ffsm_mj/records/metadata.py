@@ -23,6 +23,7 @@ FORMAT_VERSION = "4"
 _ALL_FREE = "1 1 1 1 1 1"
 _MODELS = ("model", "controller_model")
 _START = "start_s"
+_ORBIT_RATE = "orbit_rate_rad_s"
 _TERMINAL = "terminal_stack_momentum_N_m_s"
 _POSITIVE = dict.fromkeys(("time_step_s", "control_period_s", _START), "seconds") | {_TERMINAL: "N m s"}
 """Entries that are positive numbers, with their units."""
@@ -147,13 +148,13 @@ def orbit_metadata(rate_rad_s: Sequence[float] | None, epoch: str | None) -> dic
         rate_rad_s: Angular velocity of a circular orbit that is the only field, world axes, (3,); None: another orbit.
         epoch: Date and time of t = 0 in UTC; None: not stated.
     """
-    rate = {} if rate_rad_s is None else {"orbit_rate_rad_s": " ".join(repr(float(x)) for x in rate_rad_s)}
+    rate = {} if rate_rad_s is None else {_ORBIT_RATE: " ".join(repr(float(x)) for x in rate_rad_s)}
     return rate | ({} if epoch is None else {"epoch_utc": epoch})
 
 
 def orbit_rate(metadata: Mapping[str, str]) -> FloatArray | None:
     """Angular velocity of a circular orbit that is the only field, world axes, rad/s, (3,); None: there is none."""
-    text = metadata.get("orbit_rate_rad_s")
+    text = metadata.get(_ORBIT_RATE)
     return None if text is None else np.array([float(x) for x in text.split()])
 
 
@@ -218,25 +219,31 @@ def fault_of_version(metadata: Mapping[str, str]) -> str:
 
 def fault_of_metadata(metadata: Mapping[str, str]) -> str:
     """What is wrong with metadata that are used as numbers; empty if they are valid."""
+    return next(_faults(metadata), "")
+
+
+def _faults(metadata: Mapping[str, str]) -> Iterator[str]:
     for name in map(_free, SUBSYSTEMS):
         words = metadata.get(name, _ALL_FREE).split()
         if len(words) != 6 or not set(words) <= {"0", "1"}:
-            return f"its metadata entry {name} is {metadata[name]!r}; six of 0 and 1 are allowed"
+            yield f"its metadata entry {name} is {metadata[name]!r}; six of 0 and 1 are allowed"
     for name, unit in _POSITIVE.items():
         if name in metadata and not (_is_number(metadata[name]) and float(metadata[name]) > 0.0):
-            return f"its metadata entry {name} is {metadata[name]!r}; a positive number of {unit} is allowed"
+            yield f"its metadata entry {name} is {metadata[name]!r}; a positive number of {unit} is allowed"
     for name in _MODELS:
         if name in metadata and not _is_numbers(metadata[name]):
             allowed = "JSON objects with finite numbers or lists of them are allowed"
-            return f"its metadata entry {name} is {metadata[name]!r}; {allowed}"
+            yield f"its metadata entry {name} is {metadata[name]!r}; {allowed}"
     axes, target = (metadata.get(name, "").split() for name in ("task_axes", "task_target_m"))
     if len(set(axes)) != len(axes) or not set(axes) <= set("xyz"):
-        return f"its metadata entry task_axes is {metadata['task_axes']!r}; different axes of x, y and z are allowed"
+        yield f"its metadata entry task_axes is {metadata['task_axes']!r}; different axes of x, y and z are allowed"
     if len(target) != len(axes) or not all(map(_is_number, target)):
-        return (
+        yield (
             f"its metadata entry task_target_m is {' '.join(target)!r}; a finite number for each of its task_axes is allowed"
         )
-    return ""
+    rate = metadata.get(_ORBIT_RATE, "0 0 0").split()
+    if len(rate) != 3 or not all(map(_is_number, rate)):
+        yield f"its metadata entry {_ORBIT_RATE} is {metadata[_ORBIT_RATE]!r}; three finite numbers are allowed"
 
 
 def _is_numbers(text: str) -> bool:

@@ -100,6 +100,8 @@ def test_a_log_without_its_scenario(hit, tmp_path, capsys, command, code, conten
         ("free_components_robot", "1 1 1 1 1 nan"),
         ("task_axes", "x w"),
         ("task_target_m", "1"),
+        ("orbit_rate_rad_s", "0 0 x"),
+        ("orbit_rate_rad_s", "0 1"),
         ("model", ""),
         ("model", "[1.0]"),
         ("model", '{"a": {"b": {"mass_kg": NaN}}}'),
