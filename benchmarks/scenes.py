@@ -46,9 +46,18 @@ def joint_names(joints: int) -> list[str]:
     return [f"joint_{i}" for i in range(joints)]
 
 
-def coasting(joints: int, *, objects: int = 1, duration_s: float = 10.0) -> PreparedRun:
-    """No control; the arm and the objects move, each object has an impact pair with the gripper."""
-    return _prepared(joints, objects, duration_s, {})
+def coasting(
+    joints: int, *, objects: int = 1, duration_s: float = 10.0, changes: dict[str, Any] | None = None
+) -> PreparedRun:
+    """No control; the arm and the objects move, each object has an impact pair with the gripper.
+
+    Args:
+        joints: Number of joints of the arm.
+        objects: Number of objects.
+        duration_s: Duration of the run.
+        changes: Further keys of the scenario.
+    """
+    return _prepared(joints, objects, duration_s, changes or {})
 
 
 def beset(pairs: int, *, joints: int = 7, duration_s: float = 3.0) -> PreparedRun:
@@ -68,7 +77,7 @@ def beset(pairs: int, *, joints: int = 7, duration_s: float = 3.0) -> PreparedRu
     return _prepared(joints, 1, duration_s, {"contacts": {"rules": rules}}, box)
 
 
-def regulated(joints: int, *, duration_s: float = 3.0) -> PreparedRun:
+def regulated(joints: int, *, duration_s: float = 3.0, changes: dict[str, Any] | None = None) -> PreparedRun:
     """OSDRE of three outputs at 1 kHz, towards half a metre from where the tip is; an object with a pair far away."""
     osdre = {
         "kind": "osdre",
@@ -76,7 +85,7 @@ def regulated(joints: int, *, duration_s: float = 3.0) -> PreparedRun:
         "Q": [20.0] * 3 + [60.0] * 3,
         "R": [1.0] * joints,
     }
-    changes = {
+    changes = (changes or {}) | {
         "task": {"tip": "tip", "target_m": (_tip(joints) + OFFSET_M).tolist()},
         "phases": [{"name": "reach", "until": "end", "controller": osdre}],
     }

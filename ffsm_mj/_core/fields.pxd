@@ -1,4 +1,4 @@
-from ffsm_mj._core.functions cimport mjData, mjModel
+from ffsm_mj._core.functions cimport mjData
 
 
 cdef class Bodies:
@@ -21,9 +21,8 @@ cdef class FieldForces:
     cdef readonly Bodies bodies
     cdef readonly object done
     cdef tuple fields
-    cdef object model, data, bound
-    cdef const mjModel* m
-    cdef mjData* d
+    cdef object data, bound
+    cdef const mjData* d
     cdef Py_ssize_t[::1] ids, trees, roots
     cdef const int[::1] parents, dof_bodies
     cdef const double[::1] qpos, qvel

@@ -11,7 +11,7 @@ import numpy as np
 from libc.math cimport isfinite, NAN
 from libc.string cimport memcmp, memcpy, memset
 
-from ffsm_mj._core.functions cimport address, mj, mjData, mjModel, mjSTATE_TIME
+from ffsm_mj._core.functions cimport address, mjData
 
 
 cdef class Bodies:
@@ -112,7 +112,7 @@ cdef class FieldForces:
         self.data, self.bodies, self.fields = data, bodies, tuple(fields)
         self.ids, self.trees = np.array(ids, dtype=np.intp), np.array(trees, dtype=np.intp)
         self.roots, self.parents = np.array(model.body_rootid[ids], dtype=np.intp), model.body_parentid
-        self.dof_bodies, self.model = model.dof_bodyid, model
+        self.dof_bodies = model.dof_bodyid
         self.total, self.sums = np.zeros((model.nbody, 6)), np.zeros_like(done)
         self.rates, self.generalised = np.zeros_like(done), np.zeros(model.nv)
         self.done, self.work = done.base, done
@@ -144,7 +144,7 @@ cdef class FieldForces:
 
     cdef int bind(self, data) except -1:
         """Take views of the arrays in ``data``: each costs more than the sums over a few bodies."""
-        self.bound, self.m, self.d = data, <const mjModel*>address(self.model), <mjData*>address(data)
+        self.bound, self.d = data, <const mjData*>address(data)
         self.centres, self.frames, self.twists = data.xipos, data.ximat, data.cvel
         self.subtree_centres, self.axes_of_dofs = data.subtree_com, data.cdof
         self.qpos, self.qvel, self.applied = data.qpos, data.qvel, data.qfrc_applied
@@ -177,7 +177,7 @@ cdef class FieldForces:
         cdef double now
         if data is not self.bound:
             self.bind(data)
-        mj.getState(self.m, self.d, &now, mjSTATE_TIME)
+        now = self.d.time
         if self.is_last(now):
             return 0
         # A field that fails leaves nothing that counts as evaluated.
@@ -213,19 +213,21 @@ cdef class FieldForces:
 
     cdef void see(self, Bodies bodies) noexcept:
         """Write poses and twists of the bodies, without forces."""
-        cdef Py_ssize_t k
+        cdef Py_ssize_t k, b, n = bodies.count
         cdef const double* c
         cdef const double* w
         cdef const double* p
+        cdef const double* E
         cdef double* v
         cdef double x, y, z
-        memset(&bodies.force[0, 0], 0, 3 * bodies.count * sizeof(double))
-        memset(&bodies.torque[0, 0], 0, 3 * bodies.count * sizeof(double))
-        for k in range(bodies.count):
-            p, w = &self.centres[self.ids[k], 0], &self.twists[self.ids[k], 0]
+        memset(&bodies.force[0, 0], 0, 3 * n * sizeof(double))
+        memset(&bodies.torque[0, 0], 0, 3 * n * sizeof(double))
+        for k in range(n):
+            b = self.ids[k]
+            p, w, E = &self.centres[b, 0], &self.twists[b, 0], &self.frames[b, 0]
             c, v = &self.subtree_centres[self.roots[k], 0], &bodies.velocity[k, 0]
             memcpy(&bodies.position[k, 0], p, 3 * sizeof(double))
-            memcpy(&bodies.turn[k, 0], &self.frames[self.ids[k], 0], 9 * sizeof(double))
+            memcpy(&bodies.turn[k, 0], E, 9 * sizeof(double))
             memcpy(&bodies.spin[k, 0], w, 3 * sizeof(double))
             # MuJoCo's cvel is the velocity of the point at the tree's mass centre: moved to that of the body, at which a
             # field acts.
@@ -236,19 +238,19 @@ cdef class FieldForces:
 
     cdef void generalise(self, Bodies bodies) noexcept:
         """Sum up forces and moments over what each degree of freedom moves."""
-        cdef Py_ssize_t k, b, d
-        cdef int i
+        cdef Py_ssize_t k, b, d, above
         cdef const double* c
         cdef const double* p
         cdef const double* f
         cdef const double* t
-        cdef const double* along
+        cdef const double* along = &self.axes_of_dofs[0, 0]
+        cdef const int* parents = &self.parents[0]
+        cdef double* total = &self.total[0, 0]
         cdef double* whole
-        cdef double* above
         cdef double x, y, z
-        memset(&self.total[0, 0], 0, 6 * self.total.shape[0] * sizeof(double))
+        memset(total, 0, 6 * self.total.shape[0] * sizeof(double))
         for k in range(bodies.count):
-            c, whole = &self.subtree_centres[self.roots[k], 0], &self.total[self.ids[k], 0]
+            c, whole = &self.subtree_centres[self.roots[k], 0], total + 6 * self.ids[k]
             p, f, t = &bodies.position[k, 0], &bodies.force[k, 0], &bodies.torque[k, 0]
             x, y, z = p[0] - c[0], p[1] - c[1], p[2] - c[2]
             # The axes of the degrees of freedom (cdof) are about the mass centre of the tree, so the moments must be too.
@@ -258,17 +260,17 @@ cdef class FieldForces:
             whole[3], whole[4], whole[5] = f[0], f[1], f[2]
         # Children have larger ids than their parents: one pass from the last body adds up what each joint carries.
         for b in range(self.total.shape[0] - 1, 0, -1):
+            above = parents[b]
             # The world takes no force.
-            if self.parents[b] > 0:
-                above, whole = &self.total[self.parents[b], 0], &self.total[b, 0]
-                for i in range(6):
-                    above[i] += whole[i]
+            if above > 0:
+                add_six(total + 6 * above, total + 6 * b)
         for d in range(self.dof_bodies.shape[0]):
-            along, whole = &self.axes_of_dofs[d, 0], &self.total[self.dof_bodies[d], 0]
+            whole = total + 6 * self.dof_bodies[d]
             self.generalised[d] = (
                 along[0] * whole[0] + along[1] * whole[1] + along[2] * whole[2]
                 + along[3] * whole[3] + along[4] * whole[4] + along[5] * whole[5]
             )
+            along += 6
 
     cdef void add_generalised(self, double* applied) noexcept:
         """Add the generalised forces of what was evaluated last, (nv,)."""
@@ -280,7 +282,6 @@ cdef class FieldForces:
         """Write power, force and moment about the world origin by tree."""
         cdef Bodies bodies = self.bodies
         cdef Py_ssize_t k
-        cdef int i
         cdef double* rate
         cdef const double* f
         cdef const double* t
@@ -291,9 +292,10 @@ cdef class FieldForces:
         for k in range(bodies.count):
             rate, f, t, p = &self.rates[self.trees[k], 0], &bodies.force[k, 0], &bodies.torque[k, 0], &bodies.position[k, 0]
             v, w = &bodies.velocity[k, 0], &bodies.spin[k, 0]
-            for i in range(3):
-                rate[0] += f[i] * v[i] + t[i] * w[i]
-                rate[1 + i] += f[i]
+            rate[0] += f[0] * v[0] + f[1] * v[1] + f[2] * v[2] + t[0] * w[0] + t[1] * w[1] + t[2] * w[2]
+            rate[1] += f[0]
+            rate[2] += f[1]
+            rate[3] += f[2]
             # About the world origin, as all angular momenta of the balance.
             rate[4] += t[0] + p[1] * f[2] - p[2] * f[1]
             rate[5] += t[1] + p[2] * f[0] - p[0] * f[2]
@@ -306,16 +308,27 @@ cdef class FieldForces:
 
     cpdef int add(self, double weight) except -1:
         """Add a stage, whose forces were pushed last, with its weight."""
-        cdef Py_ssize_t i, j
-        for i in range(self.sums.shape[0]):
-            for j in range(7):
-                self.sums[i, j] += weight * self.rates[i, j]
+        cdef Py_ssize_t i
+        cdef double* sums = &self.sums[0, 0]
+        cdef const double* rates = &self.rates[0, 0]
+        for i in range(7 * self.sums.shape[0]):
+            sums[i] += weight * rates[i]
         return 0
 
     cpdef int end(self, double duration_s) except -1:
         """End a step of a duration, over which the weights add up to 1."""
-        cdef Py_ssize_t i, j
-        for i in range(self.sums.shape[0]):
-            for j in range(7):
-                self.work[i, j] = duration_s * self.sums[i, j]
+        cdef Py_ssize_t i
+        cdef double* work = &self.work[0, 0]
+        cdef const double* sums = &self.sums[0, 0]
+        for i in range(7 * self.sums.shape[0]):
+            work[i] = duration_s * sums[i]
         return 0
+
+
+cdef inline void add_six(double* total, const double* part) noexcept:
+    total[0] += part[0]
+    total[1] += part[1]
+    total[2] += part[2]
+    total[3] += part[3]
+    total[4] += part[4]
+    total[5] += part[5]

@@ -4,7 +4,7 @@
 
 /* One name for each member of Functions in functions.pxd, without the prefix mj_. */
 #define EACH(X) \
-  X(step) X(forward) X(forwardSkip) X(RungeKutta) X(checkPos) X(checkVel) X(checkAcc) X(getState) X(setState) X(mulM) \
+  X(step) X(forward) X(forwardSkip) X(RungeKutta) X(checkPos) X(checkVel) X(checkAcc) X(getState) X(mulM) \
   X(solveM) X(jacSite) X(jacBody) X(jacDot) X(subtreeVel) X(objectVelocity) X(fwdPosition) X(fwdVelocity) X(fwdActuation) \
   X(collision) X(integratePos)
 

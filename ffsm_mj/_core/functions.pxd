@@ -1,13 +1,13 @@
-# MuJoCo's C functions, by address: mj.step is mj_step. Model and data are opaque: no layout of a struct is built in.
+# MuJoCo's C functions, by address: mj.step is mj_step. Model and data are opaque: of the layout of structs only the place of
+# the time is built in, which each stage of a step sets.
 # Every prototype is checked against mujoco.h at compile time (functions.h, which also has the names).
 
 cdef extern from "mujoco/mujoco.h":
     ctypedef struct mjModel:
         pass
     ctypedef struct mjData:
-        pass
+        double time
     const int mjOBJ_SITE, mjOBJ_XBODY
-    const int mjSTATE_TIME
     const int mjSTAGE_VEL  # positions and velocities are current, forces are not
 
 cdef struct Functions:
@@ -19,7 +19,6 @@ cdef struct Functions:
     void (*checkVel)(const mjModel* m, mjData* d) noexcept nogil
     void (*checkAcc)(const mjModel* m, mjData* d) noexcept nogil
     void (*getState)(const mjModel* m, const mjData* d, double* state, int sig) noexcept nogil
-    void (*setState)(const mjModel* m, mjData* d, const double* state, int sig) noexcept nogil
     void (*mulM)(const mjModel* m, const mjData* d, double* res, const double* vec) noexcept nogil
     void (*solveM)(const mjModel* m, mjData* d, double* x, const double* y, int n) noexcept nogil
     void (*jacSite)(const mjModel* m, const mjData* d, double* jacp, double* jacr, int site) noexcept nogil

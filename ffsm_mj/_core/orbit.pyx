@@ -189,21 +189,12 @@ cdef class OrbitalField(CompiledField):
             self.oblate(self.R, self.at_origin)
         return 0
 
-    cdef double excess(self, const double* r) noexcept nogil:
-        """q = |R + r|^2 / R^2 - 1, without a difference of nearly equal numbers."""
-        cdef const double* R = self.R
-        return self.inverse * self.inverse * (
-            r[0] * (r[0] + 2.0 * R[0]) + r[1] * (r[1] + 2.0 * R[1]) + r[2] * (r[2] + 2.0 * R[2])
-        )
-
-    cdef double tide(self, const double* r, double* a) noexcept:
-        """Write the acceleration at a position from the origin; returns R over the distance from the central body."""
-        cdef double q = self.excess(r), inverse = 1.0 / sqrt(1.0 + q), cube = inverse * inverse * inverse
-        # 1 - (R / p)^3 without the difference: at 1 m in 7000 km q is 3e-7, and a direct form would lose seven digits
-        # (Battin, sec. 8.4, with 1/s in the place of s).
-        cdef double factor = q * (3.0 + q * (3.0 + q)) * cube * cube / (1.0 + cube)
+    cdef void tide(self, const double* r, double* a) noexcept:
+        """Write the acceleration at a position from the origin."""
         cdef double[3] p, there
         cdef int i
+        cdef double q = excess(self.R, self.inverse, r), nearer = 1.0 / sqrt(1.0 + q)
+        cdef double factor = deficit(q, nearer * nearer * nearer)
         for i in range(3):
             p[i] = self.R[i] + r[i]
             a[i] = self.rate * (factor * p[i] - r[i])
@@ -211,7 +202,6 @@ cdef class OrbitalField(CompiledField):
             self.oblate(p, there)
             for i in range(3):
                 a[i] += there[i] - self.at_origin[i]
-        return inverse
 
     cdef void oblate(self, const double* p, double* a) noexcept:
         """Write the acceleration by J2 at a position from the central body."""
@@ -234,71 +224,81 @@ cdef class OrbitalField(CompiledField):
     cpdef int add_wrenches(self, double time_s, Bodies bodies) except -1:
         """Add forces and torques to those of the bodies."""
         cdef Py_ssize_t k
-        cdef int i
-        cdef double[3] a, d, along, Id
-        cdef const double* E
-        cdef const double* r
-        cdef const double* J
-        cdef double* f
-        cdef double* t
-        cdef double nearer, inverse, dId, trace, gradient, second, m
         self.find(time_s)
         for k in range(bodies.count):
-            m = bodies.mass[k]
             # A body without mass has no inertia either: nothing acts on it.
-            if m == 0.0:
-                continue
-            r, E, J = &bodies.position[k, 0], &bodies.turn[k, 0], &bodies.inertia[k, 0]
-            nearer = self.tide(r, a)
-            inverse = self.inverse * nearer
-            for i in range(3):
-                d[i] = inverse * (self.R[i] + r[i])
-            trace, dId = J[0] + J[1] + J[2], self.inertia_along(E, J, d, along)
-            for i in range(3):
-                Id[i] = E[3 * i] * along[0] + E[3 * i + 1] * along[1] + E[3 * i + 2] * along[2]
-            gradient, f, t = 3.0 * self.rate * nearer * nearer * nearer, &bodies.force[k, 0], &bodies.torque[k, 0]
-            t[0] += gradient * (d[1] * Id[2] - d[2] * Id[1])
-            t[1] += gradient * (d[2] * Id[0] - d[0] * Id[2])
-            t[2] += gradient * (d[0] * Id[1] - d[1] * Id[0])
-            # The last term is the reaction to the gradient on an extended body: with it the torque has a potential, and
-            # energy a balance.
-            second = 0.5 * gradient * inverse
-            for i in range(3):
-                f[i] += m * a[i] - second * ((trace - 5.0 * dId) * d[i] + 2.0 * Id[i])
+            if bodies.mass[k] != 0.0:
+                self.add_to_body(
+                    bodies.mass[k], &bodies.inertia[k, 0], &bodies.position[k, 0], &bodies.turn[k, 0], &bodies.force[k, 0],
+                    &bodies.torque[k, 0],
+                )
         return 0
 
-    cdef double inertia_along(self, const double* E, const double* J, const double* d, double* along) noexcept nogil:
-        """Inertia about an axis d; writes J times its components along the principal axes E, columns."""
-        cdef double x = E[0] * d[0] + E[3] * d[1] + E[6] * d[2]
-        cdef double y = E[1] * d[0] + E[4] * d[1] + E[7] * d[2]
-        cdef double z = E[2] * d[0] + E[5] * d[1] + E[8] * d[2]
-        along[0], along[1], along[2] = J[0] * x, J[1] * y, J[2] * z
-        return along[0] * x + along[1] * y + along[2] * z
+    cdef inline void add_to_body(
+        self, double m, const double* J, const double* r, const double* E, double* f, double* t
+    ) noexcept:
+        """Add force and torque of a body: mass, moments of inertia, position and principal axes, columns."""
+        # Written out by components: loops over three cost more than what is in them.
+        cdef double q = excess(self.R, self.inverse, r), nearer = 1.0 / sqrt(1.0 + q), cube = nearer * nearer * nearer
+        cdef double x = self.R[0] + r[0], y = self.R[1] + r[1], z = self.R[2] + r[2], scale = self.inverse * nearer
+        cdef double u = scale * x, v = scale * y, w = scale * z, pull = m * self.rate, away = pull * deficit(q, cube)
+        cdef double a = E[0] * u + E[3] * v + E[6] * w, b = E[1] * u + E[4] * v + E[7] * w, c = E[2] * u + E[5] * v + E[8] * w
+        cdef double A = J[0] * a, B = J[1] * b, C = J[2] * c, gradient = 3.0 * self.rate * cube
+        cdef double X = E[0] * A + E[1] * B + E[2] * C, Y = E[3] * A + E[4] * B + E[5] * C, Z = E[6] * A + E[7] * B + E[8] * C
+        # The reaction to the gradient on an extended body: with it the torque has a potential, and energy a balance.
+        cdef double second = gradient * scale, along = 0.5 * second * (J[0] + J[1] + J[2] - 5.0 * (A * a + B * b + C * c))
+        cdef double[3] there
+        t[0] += gradient * (v * Z - w * Y)
+        t[1] += gradient * (w * X - u * Z)
+        t[2] += gradient * (u * Y - v * X)
+        f[0] += away * x - pull * r[0] - along * u - second * X
+        f[1] += away * y - pull * r[1] - along * v - second * Y
+        f[2] += away * z - pull * r[2] - along * w - second * Z
+        if self.oblateness != 0.0:
+            there[0], there[1], there[2] = x, y, z
+            self.oblate(there, there)
+            f[0] += m * (there[0] - self.at_origin[0])
+            f[1] += m * (there[1] - self.at_origin[1])
+            f[2] += m * (there[2] - self.at_origin[2])
 
     cpdef double potential(self, double time_s, Bodies bodies) except? -1.0:
         """Potential of the forces and torques on the bodies at the time and state of their last evaluation, without J2, J."""
-        cdef double total = 0.0, q, w, inverse, dId
-        cdef double[3] d, along
+        cdef double total = 0.0, q, w, scale, u, v, z, a, b, c
         cdef const double* r
+        cdef const double* E
         cdef const double* J
         cdef Py_ssize_t k
-        cdef int i
         self.find(time_s)
         for k in range(bodies.count):
-            r, J, q = &bodies.position[k, 0], &bodies.inertia[k, 0], self.excess(&bodies.position[k, 0])
+            r, E, J = &bodies.position[k, 0], &bodies.turn[k, 0], &bodies.inertia[k, 0]
+            q = excess(self.R, self.inverse, r)
             w = sqrt(1.0 + q)
-            inverse = self.inverse / w
-            for i in range(3):
-                d[i] = inverse * (self.R[i] + r[i])
-            dId = self.inertia_along(&bodies.turn[k, 0], J, d, along)
+            scale = self.inverse / w
+            u, v, z = scale * (self.R[0] + r[0]), scale * (self.R[1] + r[1]), scale * (self.R[2] + r[2])
+            a, b, c = E[0] * u + E[3] * v + E[6] * z, E[1] * u + E[4] * v + E[7] * z, E[2] * u + E[5] * v + E[8] * z
             total += bodies.mass[k] * self.rate * (
                 0.5 * (r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
                 # The potential less its value and slope at the origin, in a form in which these do not cancel: only the tide
                 # is left.
                 - q * q * (2.0 + w) / (2.0 * w * (1.0 + w) * (1.0 + w) * self.inverse * self.inverse)
             )
-            total += 0.5 * self.rate / (w * w * w) * (3.0 * dId - (J[0] + J[1] + J[2]))
+            total += (
+                0.5 * self.rate / (w * w * w) * (3.0 * (J[0] * a * a + J[1] * b * b + J[2] * c * c) - (J[0] + J[1] + J[2]))
+            )
         return total
+
+
+cdef inline double excess(const double* R, double inverse, const double* r) noexcept:
+    """q = |R + r|^2 / R^2 - 1, without a difference of nearly equal numbers."""
+    return inverse * inverse * (r[0] * (r[0] + 2.0 * R[0]) + r[1] * (r[1] + 2.0 * R[1]) + r[2] * (r[2] + 2.0 * R[2]))
+
+
+cdef inline double deficit(double q, double cube) noexcept:
+    """1 - (R / p)^3 for q and (R / p)^3 itself, without the difference.
+
+    At 1 m in 7000 km q is 3e-7, and a direct form would lose seven digits (Battin, sec. 8.4, with the inverse of s).
+    """
+    return q * (3.0 + q * (3.0 + q)) * cube * cube / (1.0 + cube)
 
 
 cdef void find_axes(const double* R, const double* V, double oblateness, const double* pole, double* A, double* spin) noexcept:

@@ -22,7 +22,7 @@ from libc.math cimport fabs, INFINITY, isfinite, sqrt
 from libc.string cimport memcpy, memset
 
 from ffsm_mj._core.fields cimport FieldForces
-from ffsm_mj._core.functions cimport address, mj, mjData, mjModel, mjSTAGE_VEL, mjSTATE_TIME
+from ffsm_mj._core.functions cimport address, mj, mjData, mjModel, mjSTAGE_VEL
 
 
 WHOLE_STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
@@ -288,8 +288,7 @@ cdef class ForcedStepper(FreeStepper):
 
     cdef int integrate_step(self, double duration_s) except -1:
         """The same if forces are current at the start."""
-        cdef double start_s
-        mj.getState(self.m, self.d, &start_s, mjSTATE_TIME)
+        cdef double start_s = self.d.time
         memcpy(&self.start_qpos[0], &self.qpos[0], self.qpos.shape[0] * sizeof(double))
         memcpy(&self.start_qvel[0], &self.rates[0], self.rates.shape[0] * sizeof(double))
         self.solved = True
@@ -297,7 +296,7 @@ cdef class ForcedStepper(FreeStepper):
             self.solved = self.integrate_implicitly(start_s, duration_s)
         else:
             self.integrate_explicitly(start_s, duration_s)
-        self.set_time(start_s + duration_s)
+        self.d.time = start_s + duration_s
         return self.update()
 
     cdef int integrate_explicitly(self, double start_s, double h) except -1:
@@ -313,14 +312,14 @@ cdef class ForcedStepper(FreeStepper):
             self.activations.begin(h)
             self.activations.add(1.0 / 6.0)
         # Inside a step the modes of contacts are kept: choosing them anew in each stage would make the method first order.
-        self.set_time(start_s + 0.5 * h)
+        self.d.time = start_s + 0.5 * h
         self.inside = True
         try:
             self.evaluate(0.5 * h, slopes, slopes + 2 * n)
             self.end_stage(1.0 / 3.0)
             self.evaluate(0.5 * h, slopes + 2 * n, slopes + 4 * n)
             self.end_stage(1.0 / 3.0)
-            self.set_time(start_s + h)
+            self.d.time = start_s + h
             self.evaluate(h, slopes + 4 * n, slopes + 6 * n)
             self.end_stage(1.0 / 6.0)
             self.end_work(h)
@@ -389,7 +388,7 @@ cdef class ForcedStepper(FreeStepper):
         for k in range(3):
             # In later passes a stage replaces the one that was kept in its place, so that integrals count each node once.
             step.node, self.repeats = k, k - 3 if again else 0
-            self.set_time(start_s + h * _PLACES[k])
+            self.d.time = start_s + h * _PLACES[k]
             self.set_state(1.0, &self.increments[k, 0, 0])
             if self.activations is not None:
                 self.activations.move_to_node(h * _PLACES[k], step.weights[k])
@@ -498,9 +497,6 @@ cdef class ForcedStepper(FreeStepper):
         if self.activations is not None:
             self.activations.add(weight)
         return 0
-
-    cdef void set_time(self, double time_s) noexcept:
-        mj.setState(self.m, self.d, &time_s, mjSTATE_TIME)
 
     cdef void set_state(self, double after_s, const double* slope) noexcept:
         """Set the state reached from the start of the step with constant rates and accelerations, (2, nv)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -15,6 +16,12 @@ from tests.fields.fields import DragConstant, FrozenPulse, Pulse, Stirring
 from tests.scenes import HEAD, ball, box, scene, two_balls
 
 UNIFORM = {"fields": [{"kind": "uniform", "acceleration_m_s2": [0.0, 0.0, -9.81]}]}
+STIFF_ARM = f"""<mujoco>{HEAD}<worldbody><body name="base"><freejoint name="free"/>
+      <inertial pos="0 0 0" mass="8" diaginertia="0.5 0.6 0.7"/>
+      <body name="hand" pos="0.3 0 0"><joint name="wrist" axis="0 0 1"/>
+      <inertial pos="0.1 0 0" mass="1" diaginertia="0.01 0.02 0.03"/></body></body></worldbody>
+      <actuator><velocity name="wrist" joint="wrist" kv="2000"/></actuator></mujoco>"""
+"""A link on a base with a servo so fast that steps are implicit."""
 FIELDS = [DragConstant, Stirring, Pulse, FrozenPulse]
 
 
@@ -163,13 +170,44 @@ def test_unfit_classes_are_refused(tmp_path):
 
 def test_implicit_steps(tmp_path):
     # A servo so fast that steps are implicit, on a slide between two bodies that a field accelerates and turns.
-    arm = f"""<mujoco>{HEAD}<worldbody><body name="base"><freejoint name="free"/>
-      <inertial pos="0 0 0" mass="8" diaginertia="0.5 0.6 0.7"/>
-      <body name="hand" pos="0.3 0 0"><joint name="wrist" axis="0 0 1"/>
-      <inertial pos="0.1 0 0" mass="1" diaginertia="0.01 0.02 0.03"/></body></body></worldbody>
-      <actuator><velocity name="wrist" joint="wrist" kv="2000"/></actuator></mujoco>"""
     run = ffsm_mj.run(
-        scene(tmp_path, arm, {}, duration_s=0.2, environment={"fields": [{"kind": "stirring"}]}), fields=FIELDS
+        scene(tmp_path, STIFF_ARM, {}, duration_s=0.2, environment={"fields": [{"kind": "stirring"}]}), fields=FIELDS
     )
     assert not failing(run)
     assert abs(run["balance.robot_field_work_J"][-1]) > 1e-3
+
+
+def test_the_order_of_implicit_steps(tmp_path):
+    # A servo that decays in 10 us is solved at the three nodes of Radau IIA. Whatever it does, forces cos(w t) on both
+    # bodies give P = 2 sin(w t) / w: the error is that of the quadrature over the nodes, of order five. A field that is left
+    # out of the nodes errs by all of P, one at another node's time by order one at best.
+    errors = []
+    for step_s in (0.1, 0.05):
+        folder = tmp_path / str(step_s)
+        folder.mkdir()
+        keys = {
+            "time_step_s": step_s,
+            "control_period_s": step_s,
+            "environment": {"fields": [{"kind": "pulse", "rate_rad_s": 2.0}]},
+        }
+        path = scene(folder, STIFF_ARM, {}, **keys)
+        ffsm_mj.run(path, {"duration_s": step_s}, fields=FIELDS)  # registers them
+        plant = ffsm_mj.Scenario.load(path).prepared.assemble().plant
+        motion, impulse = plant.integrator.motion, 0.0
+        assert motion.stiff is not None
+        before = momentum(plant)
+        for _ in range(round(1.0 / step_s)):
+            motion.step(step_s)
+            impulse += motion.field.done[0, 1]
+            assert motion.is_solved
+        # What the balance is told is what the motion has, to rounding of 20 steps.
+        assert momentum(plant) - before == pytest.approx(impulse, abs=1e-14)
+        errors.append(abs(impulse - np.sin(2.0)))
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(5.0, abs=0.1)
+
+
+def momentum(plant):
+    """Momentum of the robot along x."""
+    model, data = plant.system.mj, plant.data
+    mujoco.mj_subtreeVel(model, data)
+    return float(model.body_subtreemass[1] * data.subtree_linvel[1, 0])

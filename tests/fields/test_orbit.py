@@ -18,7 +18,7 @@ from ffsm_mj.replay import replay_log
 from ffsm_mj.simulation import orbit as orbit_columns
 from tests.contact_models.grasp.scenes import grasping
 from tests.fields.kepler import MU, relative
-from tests.scenes import HEAD, ball, scene
+from tests.scenes import FLOATING_BASES, HEAD, ball, scene
 
 LEO = {"altitude_km": 400.0}
 ELLIPSE = {"kind": "elliptic", "semi_major_axis_km": 7500.0, "eccentricity": 0.1}
@@ -157,6 +157,28 @@ def test_libration(tmp_path):
     late_s = (run["state.v_robot_free_wz_rad_s"][-1] - RATE) / acceleration
     assert abs(late_s) < 1e-9 * period_s
     assert pitch(run)[-1] == pytest.approx(0.5, abs=1e-10)
+
+
+@pytest.mark.parametrize("orbit", [LEO, ELLIPSE], ids=["circular", "ellipse"])
+def test_a_planar_base(tmp_path, orbit):
+    # Slides along x and y and a hinge about z in the plane of the orbit: the place of a Kepler orbit, and the attitude of a
+    # free body with the same moment about z.
+    R, V = origin_of(orbit)
+    rates = np.cross(np.cross(R, V) / (R @ R), (10.0, -7.0, 0.0)) + np.array((0.002, 0.01, 0.0))
+    planar = body((100.0, 400.0, 430.0)).replace('<freejoint name="free"/>', FLOATING_BASES["planar"])
+    initial = {"joints": {"x": 10.0, "y": -7.0, "yaw": 0.3}, "rates": {"x": rates[0], "y": rates[1], "yaw": 2.0 * RATE}}
+    run = free_run(tmp_path / "planar", orbit, [], duration_s=1000.0, robot=planar, initial=initial)
+    assert not failing(run)
+    free = ((10.0, -7.0, 0.0, np.cos(0.15), 0, 0, np.sin(0.15)), (*rates, 0, 0, 2.0 * RATE))
+    other = free_run(tmp_path / "free", orbit, [free], duration_s=1000.0, robot=body((100.0, 400.0, 430.0)))
+    exact = relative((R, V), (10.0, -7.0, 0.0), rates, 1000.0)
+    # Order 4 at steps of 1 s: below 1e-11 m (see above); the second-order force of the body moves it by 1e-7 m.
+    np.testing.assert_allclose(run.qpos[-1][:2], exact[:2], rtol=0.0, atol=1e-6)
+    np.testing.assert_allclose(run.qpos[-1][:2], place(other)[:2], rtol=0.0, atol=1e-11)
+    assert np.linalg.norm(exact[:2] - (10.0, -7.0)) > 1.0
+    turned = 2.0 * np.unwrap(np.arctan2(other["state.q_robot_free_qz"], other["state.q_robot_free_qw"]), period=np.pi)
+    np.testing.assert_allclose(run.qpos[:, 2], turned, rtol=0.0, atol=1e-11)
+    assert abs(run.qpos[-1][2] - 0.3 - 2000.0 * RATE) > 1e-3  # the torque turns it
 
 
 def test_pitch_on_an_ellipse(tmp_path):
