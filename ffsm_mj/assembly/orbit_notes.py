@@ -16,7 +16,7 @@ from ffsm_mj.tolerances import EPSILON
 
 _FAR_M = 1e4
 _HIGH = 20.0
-"""Semi-major axis over the radius of the central body: 1.3e5 km of the Earth, where the Moon makes a thousandth of the tide."""
+"""Semi-major axis over the radius of the central body: 1.3e5 km of the Earth, where the Moon makes 1e-3 of the tide."""
 _FAST_M_S = 100.0
 _LONG_REST_S = 1.0
 
