@@ -227,9 +227,9 @@ class VariantComparison:
         if ranking.best:
             return f"{ranking.best} has {compared} than every other variant."
         if not ranking.beaten:
-            return f"no difference is shown between {_listed(ranking.unbeaten)}."
-        behind = f"; {_listed(ranking.beaten)} {'is' if len(ranking.beaten) == 1 else 'are'} shown to be worse than another"
-        return f"no variant has the {goal}: none is shown to be better than {_listed(ranking.unbeaten)}{behind}."
+            return f"no difference is shown between {_joined(ranking.unbeaten)}."
+        behind = f"; {_joined(ranking.beaten)} {'is' if len(ranking.beaten) == 1 else 'are'} shown to be worse than another"
+        return f"no variant has the {goal}: none is shown to be better than {_joined(ranking.unbeaten)}{behind}."
 
     def _against(self, reference: str, ranking: Ranking) -> str:
         """Variants that differ from the reference."""
@@ -239,7 +239,7 @@ class VariantComparison:
             if ranking.metric in compared.differences:
                 groups[compared.differences[ranking.metric].sign * better].append(compared.second)
         words = {1: f"better than {reference}: ", -1: f"worse than {reference}: ", 0: "no difference shown: "}
-        return "; ".join(words[side] + _listed(names) for side, names in groups.items() if names) + "."
+        return "; ".join(words[side] + _joined(names) for side, names in groups.items() if names) + "."
 
     def ranking(self, metric: str, direction: str) -> Ranking | None:
         """What the differences of a metric show; None if fewer than two variants have it."""
@@ -346,10 +346,10 @@ def _left_out(results: VariantResults) -> Iterator[str]:
         parts += [f"{violated} violate{'s' if violated == 1 else ''} a check"] if violated else []
         if parts:
             yield (
-                f"{name}: of {variant.runs} runs {_listed(parts)}; metrics are compared over runs that completed and pass "
+                f"{name}: of {variant.runs} runs {_joined(parts)}; metrics are compared over runs that completed and pass "
                 "their checks in both variants."
             )
 
 
-def _listed(names: Sequence[str]) -> str:
+def _joined(names: Sequence[str]) -> str:
     return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
