@@ -33,6 +33,7 @@ SHOTS = (
     ("recovery", "baseline", 18.8),
     ("spatial", "spatial", 2.95),
     ("thrusters", "free-flying-hardware", 7.9),
+    ("orbit", "capture-orbit", 500.0),
 )
 START = "capture"
 """Scenario whose start is shown."""
@@ -50,6 +51,7 @@ def main() -> None:
             for scenario in dict.fromkeys(scenario for _, scenario, _ in SHOTS):
                 ffsm_mj.run(scenario, out=Path(folder) / scenario)
                 client.open([str(Path(folder) / scenario / "run.rrd")])
+                time.sleep(8.0)  # a recording of ten minutes takes some seconds to load
                 for name, _, time_s in (shot for shot in SHOTS if shot[1] == scenario):
                     client.set_time(TIMELINE, duration=time_s, play_state="paused")
                     take(client, Path(folder) / f"{name}.png")

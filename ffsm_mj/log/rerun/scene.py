@@ -153,8 +153,8 @@ class OrbitFrame:
         if not has_orbit(layout):
             return
         axes = list(LVLH_ARROWS.values())
-        vectors, colours = 2.0 * scale * np.eye(3)[axes], [AXES[axis] for axis in axes]
-        radii, labels = [0.04 * scale], [*LVLH_ARROWS]
+        vectors, colours = 3.0 * scale * np.eye(3)[axes], [AXES[axis] for axis in axes]
+        radii, labels = [0.04 * scale], [name.split(",")[0] for name in LVLH_ARROWS]  # long ones overlap
         arrows = rr.Arrows3D(vectors=vectors, colors=colours, radii=radii, labels=labels, show_labels=True)
         recording.constant("world/orbit/axes", arrows)
 
