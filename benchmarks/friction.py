@@ -22,7 +22,8 @@ from functools import partial
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.impact.friction import impact_with_friction, tangents
+from ffsm_mj.contact_models.impact.friction.laws import impact_with_friction
+from ffsm_mj.contact_models.impact.friction.result import tangents
 from ffsm_mj.contact_models.impact.laws import FRICTIONLESS
 
 CONTACTS = (1, 2, 3, 4, 6)

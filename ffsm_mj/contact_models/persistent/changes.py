@@ -28,9 +28,11 @@ from ffsm_mj.contact_models.persistent.record import (
     LIMIT_BEGINS,
     LIMIT_CHANGES,
     LIMIT_ENDS,
+    ContactEnds,
     ContactRecord,
     ContactSlips,
     ContactSticks,
+    LimitEnds,
 )
 from ffsm_mj.records.kinds import RecordKind
 
@@ -64,6 +66,8 @@ class ContactChanges:
         # Events before a step are due by efforts or other events: only within one do points reach the limit of friction.
         if event.in_step:
             self._closed.note_release(slips=slips)
+            # A force that vanishes slowly is within rounding of its limit where the run found it beyond.
+            self._closed.opens = isinstance(first, (ContactEnds, LimitEnds))
 
     def left_at_once(self) -> list[JointLimit]:
         """Limits at which joints are at rest, as at the start of a run, but which they leave under the present efforts.

@@ -168,6 +168,7 @@ class ClosedContacts:
         modes: Friction modes of the contact points.
         solver: Contact forces at the present state.
         clearance: Clearance of closed pairs outside their contact points.
+        opens: Whether a gap is known to open at the state in ``data``, as a log says.
         steady: Shortcut through steady states.
     """
 
@@ -179,7 +180,7 @@ class ClosedContacts:
         self.contact_points: tuple[ContactPoint, ...] = ()
         self.pressing: tuple[ContactPoint, ...] = ()
         self.stages: list[Stage] = []
-        self.modes = FrictionModes()
+        self.modes, self.opens = FrictionModes(), False
         self.solver, self.clearance = ForceSolver(scene.data, self.modes), Clearance(scene)
         self._tilts = Tilts(scene.data)
         self._chosen: Decision | None = None
@@ -340,7 +341,7 @@ class ClosedContacts:
 
     def leaving(self) -> tuple[ContactPoint, ...]:
         """Contact points whose gap acceleration is positive: they open."""
-        return self.decide().leaving() if self.contact_points else ()
+        return self.decide().leaving(reached=self.opens) if self.contact_points else ()
 
     def update_pressing(self) -> None:
         """Set the active set to the contact points that carry force at the state in ``data``."""

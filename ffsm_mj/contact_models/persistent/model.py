@@ -349,6 +349,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         accuracy = RecordAccuracy(self._closed)
         self._close_logged(event.records)
         effect = super().replay(event)
+        self._closed.opens = False
         return effect._replace(accuracy=accuracy.fields(effect.records)) if effect is not None else None
 
     def refusal(self, _: UnilateralConstraint) -> str:

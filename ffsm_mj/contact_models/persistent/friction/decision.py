@@ -42,6 +42,8 @@ NEAR_STOP = 6.0
 _STOP_SHARE = 0.5
 """Such a step takes at most this share of the time to the stop."""
 
+_REACHED = OPENS - 1.0
+"""A limit at which a gap is known to open is reached to one rounding of its second rate."""
 _REVERSED_M_S = 1e-13
 """A slip against its direction by more than this is a reversal, not rounding."""
 
@@ -218,14 +220,21 @@ class Decision:
         """Directions of slip, world axes, (k, 3); zero for points that do not slide."""
         return self.rows.across(self.solution.directions)
 
-    def leaving(self) -> tuple[ContactPoint, ...]:
-        """Contact points whose gap opens, in the order of ``contact_points``."""
+    def leaving(self, *, reached: bool = False) -> tuple[ContactPoint, ...]:
+        """Contact points whose gap opens, in the order of ``contact_points``.
+
+        Args:
+            reached: Whether points are known to open at this state: they are at the limit even if rounding puts them inside.
+        """
         if self.is_settled:
             return ()
-        opening = self.solution.accelerations[:, 0].tolist()
-        rates = zip(self.contact_points, opening, self.rounding.tolist(), strict=True)
+        opening = self.solution.accelerations[:, 0]
+        if reached:  # up to the limit a point may pull, and counts as pressing: without its force it would open
+            opening = np.maximum(opening, -self.solution.forces[:, 0] * self.problem.inverse_mass)
         # Within rounding a gap stays closed; otherwise contacts would end and begin again at every decision.
-        return tuple([contact for contact, rate, rounding in rates if rate > OPENS * rounding])
+        limits = (_REACHED if reached else OPENS) * self.rounding
+        rates = zip(self.contact_points, opening.tolist(), limits.tolist(), strict=True)
+        return tuple([contact for contact, rate, limit in rates if rate > limit])
 
     def keep_modes(self) -> None:
         """Make the modes chosen those of the next step."""
