@@ -293,11 +293,7 @@ class LogReplay:
             predicted = self._advance_to_state(elapsed, event.state)
             change = float(np.abs(predicted - start)[self._plant.system.mj.nq :].max(initial=0.0))
             self._events.compare_state(event, predicted, change / elapsed if elapsed > 0.0 else 0.0)
-            self._plant.data.time = event.time_s
-            # Applied forces that depend on the state, as fields do, are those of the logged one: a contact force that has
-            # just crossed zero there may not have in a state that differs by rounding, and the contact would not end.
-            if not self._bounded and (forced := self._plant.integrator.motion.forced_stepper) is not None:
-                forced.refresh()
+            self._plant.data.time = event.time_s  # fields are evaluated at it
             # An event at the start of a step is found by other tests than one inside it (``due`` and ``first_event``).
             self._replay_event(replace(event, in_step=elapsed > 0.0))
             self._left = left
