@@ -27,7 +27,9 @@ CORE = "ffsm_mj._core."
 HOME = {
     **dict.fromkeys(("loops", "steppers", "travel"), "dynamics"),
     "features": "contact",
-    **dict.fromkeys(("contacts", "forces", "mechanisms", "rows", "slip_layers", "stages", "steady"), "contact_models"),
+    **dict.fromkeys(
+        ("contacts", "forces", "mechanisms", "row_evaluator", "rows", "slip_layers", "stages", "steady"), "contact_models"
+    ),
     "free_ticks": "simulation",
     "logged_law": "replay",
 }

@@ -1,5 +1,6 @@
 from ffsm_mj._core.forces cimport ActiveForces, StuckPatches
-from ffsm_mj._core.rows cimport RowEvaluator, RowMemory
+from ffsm_mj._core.row_evaluator cimport RowEvaluator
+from ffsm_mj._core.rows cimport RowMemory
 from ffsm_mj._core.stages cimport Smooth, StageInMemory
 
 

@@ -1,4 +1,5 @@
-from ffsm_mj._core.rows import PointRows, RowEvaluator
+from ffsm_mj._core.row_evaluator import RowEvaluator
+from ffsm_mj._core.rows import PointRows
 from ffsm_mj._core.stages import Smooth
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint

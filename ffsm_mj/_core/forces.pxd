@@ -1,4 +1,5 @@
-from ffsm_mj._core.rows cimport RowEvaluator, RowMemory
+from ffsm_mj._core.row_evaluator cimport RowEvaluator
+from ffsm_mj._core.rows cimport RowMemory
 
 
 cdef class ActiveForces:

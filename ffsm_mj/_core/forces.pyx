@@ -24,7 +24,8 @@ from libc.string cimport memcpy, memset
 from ffsm_mj._core.algebra cimport backward, cholesky, factored, forward, orthonormal, pivots, reduced, substitute
 from ffsm_mj._core.features cimport FaceState
 from ffsm_mj._core.memory cimport numbers, room
-from ffsm_mj._core.rows cimport Group, RowEvaluator, RowMemory
+from ffsm_mj._core.row_evaluator cimport Group, RowEvaluator
+from ffsm_mj._core.rows cimport RowMemory
 
 
 NONE = np.zeros(0, dtype=np.intp)

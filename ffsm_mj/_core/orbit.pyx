@@ -6,7 +6,7 @@ from threading import Lock
 import numpy as np
 
 from libc.math cimport cos, fabs, floor, NAN, sin, sqrt
-from libc.string cimport memcpy
+from libc.string cimport memcpy, memset
 
 from ffsm_mj._core.fields cimport Bodies, CompiledField, FieldForces
 from ffsm_mj._core.tick cimport OnSample
@@ -189,20 +189,6 @@ cdef class OrbitalField(CompiledField):
             self.oblate(self.R, self.at_origin)
         return 0
 
-    cdef void tide(self, const double* r, double* a) noexcept:
-        """Write the acceleration at a position from the origin."""
-        cdef double[3] p, there
-        cdef int i
-        cdef double q = excess(self.R, self.inverse, r), nearer = 1.0 / sqrt(1.0 + q)
-        cdef double factor = deficit(q, nearer * nearer * nearer)
-        for i in range(3):
-            p[i] = self.R[i] + r[i]
-            a[i] = self.rate * (factor * p[i] - r[i])
-        if self.oblateness != 0.0:
-            self.oblate(p, there)
-            for i in range(3):
-                a[i] += there[i] - self.at_origin[i]
-
     cdef void oblate(self, const double* p, double* a) noexcept:
         """Write the acceleration by J2 at a position from the central body."""
         cdef const double* k = self.pole
@@ -214,12 +200,18 @@ cdef class OrbitalField(CompiledField):
 
     def acceleration(self, double time_s, const double[::1] position not None):
         """Acceleration of a mass at a position from the origin at a time, m/s^2, (3,)."""
-        cdef double[3] a
+        # That of a body of unit mass without extension, whose axes do not matter.
+        cdef double[3] inertia, force, torque
+        cdef double[9] turn
         if len(position) != 3:
             raise ValueError(f"a position of {len(position)} numbers")
+        memset(inertia, 0, sizeof(inertia))
+        memset(force, 0, sizeof(force))
+        memset(torque, 0, sizeof(torque))
+        memset(turn, 0, sizeof(turn))
         self.find(time_s)
-        self.tide(&position[0], a)
-        return np.array((a[0], a[1], a[2]))
+        self.add_to_body(1.0, inertia, &position[0], turn, force, torque)
+        return np.array((force[0], force[1], force[2]))
 
     cpdef int add_wrenches(self, double time_s, Bodies bodies) except -1:
         """Add forces and torques to those of the bodies."""

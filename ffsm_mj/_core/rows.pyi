@@ -1,13 +1,10 @@
-from collections.abc import Collection, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from ffsm_mj._core.forces import ActiveForces
 from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.contact.features.gap_function import FeatureState
-from ffsm_mj.contact.pairs import UnilateralConstraint
-from ffsm_mj.contact_models.persistent.contact_points import ContactPoint, Extremes, SingleState
+from ffsm_mj.contact_models.persistent.contact_points import Extremes, SingleState
 from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
-from ffsm_mj.dynamics.motion import Motion
 
 class RowMemory:
     unclosed: FloatArray | None
@@ -41,15 +38,3 @@ class PointRows:
     ) -> tuple[FloatArray, FloatArray, FloatArray]: ...
     def largest_slip(self, which: BoolArray) -> float: ...
     def across(self, components: FloatArray) -> FloatArray: ...
-
-class RowEvaluator:
-    data: Any
-    at_limits: list[int]
-    def __init__(
-        self,
-        motion: Motion,
-        data: Any,
-        contact_points: Sequence[ContactPoint],
-        flat: Collection[UnilateralConstraint] = (),
-    ) -> None: ...
-    def rows(self) -> PointRows: ...

@@ -1,6 +1,7 @@
 from ffsm_mj._core.contacts cimport ContactEvaluation, StageForces
 from ffsm_mj._core.forces cimport StuckPatches
-from ffsm_mj._core.rows cimport RowEvaluator, RowMemory
+from ffsm_mj._core.row_evaluator cimport RowEvaluator
+from ffsm_mj._core.rows cimport RowMemory
 from ffsm_mj._core.stages cimport Smooth, StageInMemory
 from ffsm_mj._core.tick cimport SteadyForces
 

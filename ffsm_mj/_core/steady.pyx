@@ -20,7 +20,7 @@ from libc.string cimport memcpy, memset
 from ffsm_mj._core.contacts cimport largest_ratio, state_under
 from ffsm_mj._core.forces cimport patches_of
 from ffsm_mj._core.memory cimport numbers, room
-from ffsm_mj._core.rows cimport find_extremes, RowEvaluator, sum_up
+from ffsm_mj._core.rows cimport find_extremes, sum_up
 from ffsm_mj._core.slip_layers cimport allows_step
 from ffsm_mj._core.stages cimport StageInMemory
 from ffsm_mj._core.stages import dip

@@ -32,8 +32,7 @@ from ffsm_mj.dynamics.springs import FastestMode, JointSprings
 from ffsm_mj.dynamics.stiff_actuators import StiffActuators
 from ffsm_mj.errors import Fault, Faults, ScenarioFaults
 from ffsm_mj.fields.interface import Field, field_of
-from ffsm_mj.fields.magnetic import magnetic_field_of
-from ffsm_mj.fields.orbit import Orbit
+from ffsm_mj.fields.orbit import Orbit, magnetic_field_of
 from ffsm_mj.fields.surroundings import Surroundings
 from ffsm_mj.log.recorder import RECORDED_ROWS
 from ffsm_mj.model.actuators import has_servos

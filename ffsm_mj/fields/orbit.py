@@ -1,4 +1,4 @@
-"""Orbit of the origin of a scene, its axes, and the field that it makes; method in ``docs/orbit.md``.
+"""Orbit of the origin of a scene, its axes, and the fields that bodies meet on it; method in ``docs/orbit.md``.
 
 The world axes do not rotate, and their origin is in free fall on the reference orbit: only a tide and a torque of every body
 are left of gravitation, so momenta and contacts stay those of an inertial observer. LVLH axes are those of CCSDS 500.0-G-4:
@@ -9,14 +9,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from functools import lru_cache
 
 import mujoco
 import numpy as np
 
+from ffsm_mj._core.magnetic import Dipole, MagneticField, UniformMagneticField
 from ffsm_mj._core.orbit import KeplerOrbit, OrbitalField, PiecewiseOrbit, Reference, lvlh_axes
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.fields.config import OrbitConfig, size_of
+from ffsm_mj.fields.config import DipoleConfig, MagneticConfig, OrbitConfig, size_of
 
 _LVLH = np.array(((0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.0, -1.0, 0.0)))
 """LVLH axes in Hill's axes, as columns."""
@@ -26,6 +28,8 @@ _DEGREE = 12
 """Degree of the polynomials of a piece: 0.1 rad of the orbit, so that the next term is below rounding."""
 _SOLVED = 1e-13
 """Relative tolerance of the integration of a piece."""
+_J2000, _DAY_S = datetime(2000, 1, 1, 12, tzinfo=UTC), 86400.0
+"""Epoch from which days of the rotation of the Earth are counted."""
 
 
 class PerturbedOrbit(PiecewiseOrbit):
@@ -182,6 +186,17 @@ class LvlhAxes:
         quaternion = np.empty(4)
         mujoco.mju_mat2Quat(quaternion, self.axes.ravel())
         return quaternion
+
+
+def magnetic_field_of(config: MagneticConfig, orbit: Orbit | None, epoch: str | None) -> MagneticField:
+    """The magnetic field of a scenario, of whose keys nothing is wrong."""
+    if not isinstance(config, DipoleConfig):
+        return UniformMagneticField(config.field_T)
+    assert orbit is not None
+    assert epoch is not None
+    g10, g11, h11 = (1e-9 * value for value in config.coefficients_nT)
+    days = (datetime.fromisoformat(epoch) - _J2000).total_seconds() / _DAY_S
+    return Dipole(orbit.reference, orbit.axes, (g11, h11, g10), days)
 
 
 def start_of(config: OrbitConfig) -> tuple[FloatArray, FloatArray]:

@@ -12,7 +12,7 @@ import pytest
 
 from ffsm_mj._core.contacts import ContactEvaluation, StageForces
 from ffsm_mj._core.forces import ActiveForces
-from ffsm_mj._core.rows import RowEvaluator
+from ffsm_mj._core.row_evaluator import RowEvaluator
 from ffsm_mj._core.stages import Smooth, StageSums
 from ffsm_mj.assembly.simulator import Simulator, SimulatorState
 from ffsm_mj.contact.features.search import features

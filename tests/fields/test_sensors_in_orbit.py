@@ -9,8 +9,7 @@ import ffsm_mj
 from ffsm_mj._core.magnetic import earth_rotation_angle
 from ffsm_mj.errors import InputError
 from ffsm_mj.fields.config import DipoleConfig, OrbitConfig
-from ffsm_mj.fields.magnetic import magnetic_field_of
-from ffsm_mj.fields.orbit import Orbit
+from ffsm_mj.fields.orbit import Orbit, magnetic_field_of
 from tests.fields.fields import FIELDS_OF_TESTS
 from tests.fields.test_orbit import LEO, RATE, failing, hill_start
 from tests.scenes import HEAD, ball, scene

@@ -14,7 +14,8 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ffsm_mj._core.contacts import ContactEvaluation, StageForces
-from ffsm_mj._core.rows import PointRows, RowEvaluator
+from ffsm_mj._core.row_evaluator import RowEvaluator
+from ffsm_mj._core.rows import PointRows
 from ffsm_mj._core.stages import Smooth, dip
 from ffsm_mj._core.steady import SteadyContacts
 from ffsm_mj.arrays import FloatArray

@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 from ffsm_mj._core.contacts import ContactEvaluation
-from ffsm_mj._core.rows import RowEvaluator
+from ffsm_mj._core.row_evaluator import RowEvaluator
 from ffsm_mj.contact.features.search import features
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from ffsm_mj._core.rows import RowEvaluator
+from ffsm_mj._core.row_evaluator import RowEvaluator
 from ffsm_mj.contact.features.search import features
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.dynamics.motion import Motion
