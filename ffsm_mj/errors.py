@@ -238,3 +238,25 @@ def unknown_name(kind: str, name: str, valid: Iterable[str]) -> str:
     names = sorted(set(valid), key=str.lower)
     allowed = ", ".join(names) if names else f"none, the model has no {kind}"
     return f"unknown {kind} {name!r}{did_you_mean(name, names)}; allowed: {allowed}"
+
+
+def full_name(kind: str, name: str, names: Iterable[str]) -> str:
+    """Full name of an element of a model; the prefix may be left out if the rest of the name is unique.
+
+    Raises:
+        LookupError: No such element, or more than one; the message lists the valid names.
+    """
+    names = tuple(names)
+    matches = names_like(name, names)
+    if name in matches:
+        return name
+    if len(matches) > 1:
+        raise LookupError(f"{kind} {name!r} is ambiguous; write one of {', '.join(matches)}")
+    if not matches:
+        raise LookupError(unknown_name(kind, name, names))
+    return matches[0]
+
+
+def names_like(name: str, names: Iterable[str]) -> list[str]:
+    """The full names that a name may mean, with the prefix of a model or without it."""
+    return [full for full in names if name in (full, full.partition("/")[2])]

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import BoolArray
-from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
+from ffsm_mj.errors import Fault, ScenarioFaults, full_name
 
 Axis = Literal["x", "y", "z"]
 
@@ -42,21 +42,19 @@ def add_magnetorquers(scene: Any, magnetorquers: Iterable[Magnetorquer]) -> None
     Raises:
         ScenarioFaults: There is no such site, it does not move, or an actuator has the name.
     """
-    faults = []
+    faults, sites = [], [site.name for site in scene.sites]
     for one in magnetorquers:
-        names = [site.name for site in scene.sites]
-        matches = [full for full in names if one.site in (full, full.partition("/")[2])]
         if any(other.name == one.name for other in scene.actuators):
             faults.append(Fault("is an actuator of a model already; choose another name", ("actuators", one.name)))
-        elif not matches:
-            faults.append(Fault(unknown_name("site", one.site, names), ("actuators", one.name, "site")))
-        elif len(matches) > 1 and one.site not in matches:
-            text = f"site {one.site!r} is ambiguous; write one of {', '.join(matches)}"
-            faults.append(Fault(text, ("actuators", one.name, "site")))
-        else:
-            added = scene.add_actuator(name=one.name, trntype=mujoco.mjtTrn.mjTRN_SITE)
-            added.target, added.gear = one.site if one.site in matches else matches[0], np.zeros(6)
-            added.ctrllimited, added.ctrlrange = True, [-one.max_dipole_A_m2, one.max_dipole_A_m2]
+            continue
+        try:
+            site = full_name("site", one.site, sites)
+        except LookupError as error:
+            faults.append(Fault(str(error.args[0]), ("actuators", one.name, "site")))
+            continue
+        added = scene.add_actuator(name=one.name, trntype=mujoco.mjtTrn.mjTRN_SITE)
+        added.target, added.gear = site, np.zeros(6)
+        added.ctrllimited, added.ctrlrange = True, [-one.max_dipole_A_m2, one.max_dipole_A_m2]
     if faults:
         raise ScenarioFaults(faults)
 

@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple, get_args
 
 import mujoco
 
-from ffsm_mj.errors import Fault, InputError, ScenarioFaults, unknown_name
+from ffsm_mj.errors import Fault, InputError, ScenarioFaults, full_name, names_like, unknown_name
 from ffsm_mj.model.files import ModelFiles
 
 Shape = Literal["vector", "direction", "rotation"]
@@ -307,10 +307,10 @@ def _element(scene: Any, sensor: AddedSensor, key: str) -> tuple[Any, str]:
     known: list[str] = []
     for kind in kinds:
         names = [element.name for element in {"joint": scene.joints, "site": scene.sites, "body": scene.bodies}[kind]]
-        matches = [full for full in names if name in (full, full.partition("/")[2])]
-        if name in matches or len(matches) == 1:
-            return types[kind], name if name in matches else matches[0]
-        if matches:
-            raise LookupError(f"{kind} {name!r} is ambiguous; write one of {', '.join(matches)}", key)
+        if names_like(name, names):
+            try:
+                return types[kind], full_name(kind, name, names)
+            except LookupError as error:
+                raise LookupError(*error.args, key) from None
         known += [full for full in names if full and full != "world"]
     raise LookupError(unknown_name(" or ".join(kinds), name, known), key)

@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
-from ffsm_mj.errors import unknown_name
+from ffsm_mj.errors import full_name, names_like
 from ffsm_mj.model.files import ModelFiles, logged_name, stored_with
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.magnetorquers import Magnetorquer
@@ -220,15 +220,7 @@ class System:
         Raises:
             LookupError: No such element, or more than one; the message lists the valid names.
         """
-        names = self.names(kind)
-        if name in names:
-            return name
-        matches = [full for full in names if full.split("/", 1)[-1] == name]
-        if len(matches) == 1:
-            return matches[0]
-        if matches:
-            raise LookupError(f"{kind} {name!r} is ambiguous; write one of {', '.join(matches)}")
-        raise LookupError(unknown_name(kind, name, names))
+        return full_name(kind, name, self.names(kind))
 
     def limited(self, name: str) -> tuple[str, bool]:
         """Full name of a joint or tendon, and whether it is one with limits.
@@ -239,7 +231,7 @@ class System:
         try:
             joint = self.resolve("joint", name)
         except LookupError:
-            if not any(name in (full, full.split("/", 1)[-1]) for full in self.names("tendon")):
+            if not names_like(name, self.names("tendon")):
                 raise
             tendon = self.resolve("tendon", name)
             return tendon, bool(self.mj.tendon_limited[self.mj.tendon(tendon).id])

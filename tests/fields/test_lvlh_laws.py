@@ -62,7 +62,8 @@ def test_station_keeping_takes_what_the_tide_pulls(tmp_path, bar, pull):
     assert run["controller.base_rotation_error_rad"][-1] < 1e-5
 
 
-def test_the_other_sign_of_the_rotation_is_seen(tmp_path, monkeypatch):
+def turn_backwards(monkeypatch):
+    """Give LVLH axes a rotation of the other sign."""
     right = LvlhAxes.update
 
     def wrong(self, time_s):
@@ -70,6 +71,10 @@ def test_the_other_sign_of_the_rotation_is_seen(tmp_path, monkeypatch):
         self.spin = -self.spin
 
     monkeypatch.setattr(LvlhAxes, "update", wrong)
+
+
+def test_the_other_sign_of_the_rotation_is_seen(tmp_path, monkeypatch):
+    turn_backwards(monkeypatch)
     run = kept(tmp_path, (0.0, 0.0, 10.0))
     # Fed forward with the wrong sign, the rate 2 n d is an error that kd turns into an offset of 2 n d 2 w / w^2 = 0.23 m.
     assert np.abs(place(run) - (0.0, 0.0, 10.0)).max() > 0.1

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.controller_protocol import LvlhAxes
 from ffsm_mj.errors import InputError
-from tests.fields.test_lvlh_laws import BODY, TURN, UNITS, place
+from tests.fields.test_lvlh_laws import BODY, TURN, UNITS, place, turn_backwards
 from tests.fields.test_orbit import ELLIPSE, EYE, LEO, RATE
 from tests.scenes import scene
 
@@ -94,13 +93,7 @@ def test_what_a_straight_plan_misses_by(tmp_path):
 
 
 def test_the_other_sign_of_the_rotation_is_seen(tmp_path, monkeypatch):
-    right = LvlhAxes.update
-
-    def wrong(self, time_s):
-        right(self, time_s)
-        self.spin = -self.spin
-
-    monkeypatch.setattr(LvlhAxes, "update", wrong)
+    turn_backwards(monkeypatch)
     run = transferred(tmp_path)
     # It comes to rest in axes that turn the other way: 2 n 5 m is left.
     assert np.linalg.norm([run[f"orbit.robot_v{axis}_m_s"][-1] for axis in "xyz"]) > 5e-3
