@@ -30,12 +30,12 @@ from ffsm_mj.contact_models.grasp.model import GraspModel
 from ffsm_mj.contact_models.interface import Source
 from ffsm_mj.controller_protocol import ControllerContext, Task
 from ffsm_mj.errors import Fault, Faults, InputError, ScenarioFaults, unknown_name
-from ffsm_mj.fields.orbit import Orbit
 from ffsm_mj.model.properties import PropertyChange
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Row
 from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.scenario.source import YamlSource
+from ffsm_mj.simulation.orbit import orbit_of
 from ffsm_mj.simulation.plant import Plant
 from ffsm_mj.simulation.progress import Start
 
@@ -254,7 +254,6 @@ def _contexts(
 ) -> dict[str, ControllerContext]:
     """What control laws are made for: in the scene (empty name), and while an object is grasped, by the grasp's name."""
     systems = {"": system} | {name: grasped.controller_system or grasped.system for name, grasped in grasped_systems.items()}
-    around = scenario.environment
     return {
         name: ControllerContext(
             grasped,
@@ -263,7 +262,7 @@ def _contexts(
             limits=plant.actuation.envelope,
             sensors=plant.sampler.by_name if plant.sampler is not None else {},
             external_field=plant.fields_in(grasped),
-            orbit=None if around is None or around.orbit is None else Orbit.of(around.orbit, around.world_axes),
+            orbit=orbit_of(scenario.environment),
         )
         for name, grasped in systems.items()
     }

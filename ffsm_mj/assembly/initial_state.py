@@ -19,11 +19,10 @@ from ffsm_mj.dynamics.loops.equalities import equalities_of
 from ffsm_mj.dynamics.loops.latch import LatchedBodies
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.errors import Fault, Faults, ScenarioFaults
-from ffsm_mj.fields.orbit import Orbit
 from ffsm_mj.model.mujoco_process import collected_warnings
 from ffsm_mj.model.system import Joint, System
 from ffsm_mj.scenario.scenario import JointValue, ScenarioConfig
-from ffsm_mj.simulation.orbit import start_in_world
+from ffsm_mj.simulation.orbit import orbit_of, start_in_world
 from ffsm_mj.tolerances import MECHANISM_RANK
 
 _CLOSED = 1e-12
@@ -327,7 +326,8 @@ def initial_state(scenario: ScenarioConfig, system: System) -> InitialState:
                 with faults.below("initial", key, name):
                     if fault := _set_joint(system.joint(name), key, value, target):
                         faults.add(fault, "initial", key, name)
-    orbit, relative = _orbit_of_lvlh(scenario), (data.qpos.copy(), data.qvel.copy())
+    orbit = orbit_of(scenario.environment) if scenario.initial.frame == "lvlh" else None
+    relative = data.qpos.copy(), data.qvel.copy()
     if orbit is not None:
         start_in_world(orbit, system, data)
     if fault := fault_of_start(system, data):
@@ -338,14 +338,6 @@ def initial_state(scenario: ScenarioConfig, system: System) -> InitialState:
         if orbit is not None and joint.kind == "free":
             stated[0][joint.qpos], stated[1][joint.dofs] = relative[0][joint.qpos], relative[1][joint.dofs]
     return InitialState(data, stated, notes)
-
-
-def _orbit_of_lvlh(scenario: ScenarioConfig) -> Orbit | None:
-    """The orbit in whose LVLH axes free joints are stated; None: they are stated in world axes."""
-    around = scenario.environment
-    if scenario.initial.frame != "lvlh" or around is None or around.orbit is None:
-        return None
-    return Orbit.of(around.orbit, around.world_axes)
 
 
 def fault_of_start(system: System, data: Any) -> str:

@@ -32,7 +32,7 @@ from ffsm_mj.dynamics.springs import FastestMode, JointSprings
 from ffsm_mj.dynamics.stiff_actuators import StiffActuators
 from ffsm_mj.errors import Fault, Faults, ScenarioFaults
 from ffsm_mj.fields.interface import Field, field_of
-from ffsm_mj.fields.orbit import Orbit, magnetic_field_of
+from ffsm_mj.fields.orbit import magnetic_field_of
 from ffsm_mj.fields.surroundings import Surroundings
 from ffsm_mj.log.recorder import RECORDED_ROWS
 from ffsm_mj.model.actuators import has_servos
@@ -46,7 +46,7 @@ from ffsm_mj.sensing.sensor import sensors_of
 from ffsm_mj.simulation.control_timing import ControlTiming, DelayedControl, command_delays_s
 from ffsm_mj.simulation.fields import ExternalFields, bodies_of
 from ffsm_mj.simulation.integrator import EventDrivenIntegrator
-from ffsm_mj.simulation.orbit import orbit_columns
+from ffsm_mj.simulation.orbit import orbit_columns, orbit_of
 from ffsm_mj.simulation.plant import Plant, StateSignals
 from ffsm_mj.simulation.step_control import MOST_PARTS, StepControl
 from ffsm_mj.tolerances import DAMPER_STEP, EPSILON, MODE_STEP, RESOLVED_STEP, STIFF_STEP
@@ -265,7 +265,7 @@ def external_fields(scenario: ScenarioConfig, scene: Scene) -> ExternalFields | 
             actuator = scene.system.index("actuator", one.name)
             if scene.system.actuator_trees[actuator] < 0:
                 faults.add("is a site of a body that does not move", "actuators", one.name, "site")
-    orbit = Orbit.of(around.orbit, around.world_axes) if around.orbit is not None else None
+    orbit = orbit_of(around)
     magnetic = None
     if around.magnetic_field is not None and magnetorquers:
         magnetic = magnetic_field_of(around.magnetic_field, orbit, around.epoch)
@@ -281,7 +281,7 @@ def surroundings_of(around: EnvironmentConfig | None, fields: ExternalFields | N
     """What the sensors of a scenario know of its surroundings."""
     if around is None:
         return Surroundings()
-    orbit = Orbit.of(around.orbit, around.world_axes) if around.orbit is not None else None
+    orbit = orbit_of(around)
     magnetic = magnetic_field_of(around.magnetic_field, orbit, around.epoch) if around.magnetic_field is not None else None
     return Surroundings(orbit, () if fields is None else fields.acting, magnetic)
 
@@ -291,7 +291,7 @@ def environment_metadata(scenario: ScenarioConfig) -> dict[str, str]:
     around = scenario.environment
     if around is None:
         return {}
-    orbit = Orbit.of(around.orbit, around.world_axes) if around.orbit is not None else None
+    orbit = orbit_of(around)
     pushed = around.fields or any(actuator.kind == "magnetorquer" for actuator in scenario.actuators.values())
     alone = orbit is not None and orbit.is_circular and not pushed
     return orbit_metadata(orbit.spin.tolist() if orbit is not None and alone else None, around.epoch)

@@ -15,6 +15,7 @@ from ffsm_mj.fields.orbit import Orbit
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.signals import POTENTIAL, Signal, identifier, unit_of
+from ffsm_mj.scenario.environment import EnvironmentConfig
 from ffsm_mj.simulation.fields import ExternalFields
 
 _REFERENCE = (
@@ -48,6 +49,13 @@ def orbit_columns(field: OrbitalField, fields: ExternalFields) -> Columns:
     system, data = fields.scene.system, fields.scene.data
     sample = OrbitSample(field, fields, system.mj, data, [tree.root for tree in system.trees])
     return Columns(tuple(_signals(system)), live=sample.row, on_sample=sample)
+
+
+def orbit_of(environment: EnvironmentConfig | None) -> Orbit | None:
+    """The orbit of the origin of a scene; None: there is none."""
+    if environment is None or environment.orbit is None:
+        return None
+    return Orbit.of(environment.orbit, environment.world_axes)
 
 
 def world_state(axes: FloatArray, spin: FloatArray, *relative: FloatArray) -> tuple[FloatArray, ...]:
