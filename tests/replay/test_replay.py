@@ -139,6 +139,23 @@ def test_every_field_of_an_impact_shows_a_change(hit, field):
     assert not again.agrees
 
 
+def test_pairs_that_another_run_has_closed_are_a_difference(tmp_path):
+    """A ball leaves the other one, which leaves no pair closed: names in the log meet an empty list, and are no numbers."""
+    law = {"kind": "pd", "joints": ["robot/x"], "kp": 5.0, "kd": 0.0}
+    phases = [
+        {"name": "push", "for_s": 0.02, "controller": law | {"target": [1.0]}},
+        {"name": "pull", "until": "end", "controller": law | {"target": [-1.0]}},
+    ]
+    run = ffsm_mj.run(two_balls(tmp_path, gap=0.0, speed=0.0, restitution=0.0, duration_s=0.04, phases=phases))
+    (begins,), (ends,) = run.records["contact_beginnings"], run.records["contact_endings"]
+    assert (len(begins.closed_pairs), ends.closed_pairs) == (1, ())
+    log = with_records(run.log, {"contact_endings": (replace(ends, closed_pairs=begins.closed_pairs),)})
+    worst = replay_log(log).worst["impacts"]
+    assert (worst.what, worst.size) == ("contact_ends 1 closed_pairs", np.inf)
+    log = with_records(run.log, {"contact_beginnings": (replace(begins, closed_pairs=()),)})
+    assert replay_log(log).worst["impacts"].what == "contact_begins 1 closed_pairs"
+
+
 def test_a_quaternion_and_its_negative_are_one_rotation(tmp_path):
     """Attitudes with the other sign in some rows and events: the motion is the same. One that is turned shows."""
     near = {
