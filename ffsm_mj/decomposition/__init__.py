@@ -1,0 +1,1 @@
+"""Decomposition of meshes that are not convex into convex pieces: the gate, the methods, what is stored of the result."""
