@@ -1,0 +1,1 @@
+"""Static geometry of the union of the convex pieces of one rigid body."""
