@@ -29,6 +29,10 @@ _INDEPENDENT = 1e-4
 """Planes at smaller angles, in rad, do not fix a vertex along their line: it moves across it only."""
 
 
+Plane = tuple[int, int]
+"""Index of a plane of a solid, and the sense in which a face looks: 1 along its normal, -1 against it."""
+
+
 @dataclass(frozen=True)
 class Step:
     """Two faces that are nearly coplanar and adjacent, but farther apart than the welding tolerance.
@@ -76,14 +80,14 @@ class Welded:
         pieces: The pieces with their vertices moved; the planes of their faces are those of ``normals`` and ``offsets``.
         normals: Normals of the planes, (p, 3).
         offsets: Their offsets, (p,), m.
-        planes: Plane of each face of each piece: index and sense, 1 if the face looks along the normal, else -1.
+        planes: Plane of each face of each piece.
         report: What was merged and moved.
     """
 
     pieces: tuple[Polytope, ...]
     normals: FloatArray
     offsets: FloatArray
-    planes: tuple[tuple[tuple[int, int], ...], ...]
+    planes: tuple[tuple[Plane, ...], ...]
     report: WeldReport
 
 
