@@ -1,7 +1,7 @@
 """Terrain as convex prisms: height fields down to their base, and open meshes down by a depth against their mean normal.
 
 Prisms of one terrain have parallel sides, so they fill it without overlap, whatever its slopes. A height field is
-triangulated as MuJoCo does, by the diagonals from the upper left to the lower right corner of each cell; cells in one plane
+triangulated as MuJoCo does, by the diagonal of each cell from its corner at the least x and y; cells in one plane
 are one prism as far as they form a rectangle. Tops in one plane have one plane, bit for bit, and so have sides that two
 prisms share, in either sense.
 """
@@ -21,7 +21,7 @@ from ffsm_mj.polytope import Polytope, plane_of
 from ffsm_mj.tolerances import EPSILON
 
 _ROUNDING = 32.0 * EPSILON
-"""Rounding of a coordinate over the greatest: a subtraction, a division, a product, and a plane through three such points."""
+"""Rounding of a coordinate over the greatest: by a difference, a quotient, a product, and a plane through such points."""
 _LEANS = 1e-6
 """A triangle whose normal has less than this along the mean normal stands upright: its prism has no thickness."""
 
@@ -58,15 +58,14 @@ class _Grid:
         x, y = (half * (2.0 * np.arange(n) - (n - 1)) / (n - 1) for half, n in zip(size[:2], (columns, rows), strict=True))
         self.points = np.stack((*np.meshgrid(x, y), heights), axis=2)
         self._x, self._y = x, y
-        self._across = np.array([y[1] - y[0], x[1] - x[0], 0.0])
 
     def triangles(self) -> Iterator[tuple[int, int, int]]:
         """Indices of the points of both triangles of each cell, counter-clockwise from above."""
         rows, columns = self.points.shape[:2]
         for row in range(rows - 1):
             for i in range(row * columns, row * columns + columns - 1):
-                yield i, i + 1, i + columns
-                yield i + columns + 1, i + columns, i + 1
+                yield i, i + 1, i + columns + 1
+                yield i + columns + 1, i + columns, i
 
     def rectangle(self, top: tuple[FloatArray, float], r0: int, r1: int, c0: int, c1: int) -> Polytope:
         """The prism of some rows and columns of points, which are in one plane."""
@@ -83,18 +82,16 @@ class _Grid:
         """The prism of one triangle, by its number."""
         row, column = divmod(k // 2, self._columns - 1)
         above = k % 2
-        places = [(row, column), (row, column + 1), (row + 1, column)]
-        if above:
-            places = [(row + 1, column + 1), (row + 1, column), (row, column + 1)]
-        length = np.linalg.norm(self._across)
-        # All points of a diagonal of the grid have the sum of row and column in common, from which follows its offset.
-        last = self.points[0, 0, :2] @ self._across[:2] + self._across[0] * self._across[1] * (row + column + 1)
-        sense = -1.0 if above else 1.0
-        flat = np.array([0.0, sense, 0.0]), np.array([sense, 0.0, 0.0])
+        sense, first, last = (1.0 - 2.0 * above), (row, column), (row + 1, column + 1)
+        places = [last, (row + 1, column), first] if above else [first, (row, column + 1), last]
+        # Points of a diagonal of the grid have the difference of row and column in common, from which its offset follows.
+        along, up = self._x[1] - self._x[0], self._y[1] - self._y[0]
+        level = along * self._y[0] - up * self._x[0] + along * up * (row - column)
+        length = math.hypot(along, up)
         sides = [
-            (-flat[0], -sense * self._y[row + above]),
-            (sense * self._across / length, sense * last / length),
-            (-flat[1], -sense * self._x[column + above]),
+            (np.array([0.0, -sense, 0.0]), -sense * self._y[row + above]),
+            (np.array([sense, 0.0, 0.0]), sense * self._x[column + 1 - above]),
+            (sense / length * np.array([-up, along, 0.0]), sense * level / length),
         ]
         return self._prism([self.points[place] for place in places], top, sides)
 
@@ -117,7 +114,8 @@ def mesh_prisms(vertices: FloatArray, faces: IntArray, depth_m: float) -> tuple[
     Raises:
         ValueError: It is closed, or parts of it stand upright or overhang.
     """
-    areas = np.cross(*(vertices[faces[:, k]] - vertices[faces[:, 0]] for k in (1, 2)))
+    a, b, c = vertices[faces].swapaxes(0, 1)
+    areas = np.cross(b - a, c - a)
     sizes, total = np.linalg.norm(areas, axis=1), areas.sum(axis=0)
     if np.linalg.norm(total) <= _LEANS * sizes.sum():
         raise ValueError("a closed mesh has no upper side; for a closed one 'planes' or 'coacd' are allowed")
@@ -188,11 +186,11 @@ def _neighbours(corners: IntArray) -> Sequence[Iterable[int]]:
     for k, (a, b, c) in enumerate(corners.tolist()):
         for edge in ((a, b), (b, c), (c, a)):
             at_edge[tuple(sorted(edge))].append(k)
-    found: list[list[int]] = [[] for _ in range(len(corners))]
+    adjacent: list[list[int]] = [[] for _ in range(len(corners))]
     for triangles in at_edge.values():
         for k in triangles:
-            found[k] += [other for other in triangles if other != k]
-    return found
+            adjacent[k] += [other for other in triangles if other != k]
+    return adjacent
 
 
 def _flat(level: IntArray) -> npt.NDArray[np.bool_]:

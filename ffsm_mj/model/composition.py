@@ -16,6 +16,7 @@ from ffsm_mj.model.actuators import actuator_faults, dampers_to_targets, effort_
 from ffsm_mj.model.edits import add_flex, add_sites, make_motors, strip
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.grasp import Grasp, join
+from ffsm_mj.model.height_fields import fixed_terrain
 from ffsm_mj.model.inputs import ambiguous_inputs, separate_inputs
 from ffsm_mj.model.magnetorquers import Magnetorquer, add_magnetorquers
 from ffsm_mj.model.mujoco_process import collected_warnings, warning_lines
@@ -308,6 +309,7 @@ def compile_system(
         effort_limits=limits,
         magnetorquers=tuple(magnetorquers),
         equalities=equalities,
+        pieces=fixed_terrain(model, scene, files),
         actuator_delays_s={name: delay for part in parts for name, delay in part.delays_s.items()},
     )
 

@@ -22,6 +22,7 @@ from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.magnetorquers import Magnetorquer
 from ffsm_mj.model.properties import PropertyChange
 from ffsm_mj.model.sensors import ModelSensor
+from ffsm_mj.polytope import Polytope
 
 JointKind = Literal["free", "ball", "slide", "hinge"]
 _JOINT, _SITE = int(mujoco.mjtWrap.mjWRAP_JOINT), int(mujoco.mjtWrap.mjWRAP_SITE)
@@ -141,6 +142,7 @@ class System:
         actuator_delays_s: Delays of actuators in the model files by full name, s.
         magnetorquers: Magnetorquers that the scenario adds.
         equalities: Places of the equality constraints that are active from the start, by their ids in the model.
+        pieces: Convex pieces of geoms that are not convex, by geom id, in the axes of the geom.
     """
 
     mj: Any
@@ -159,6 +161,7 @@ class System:
     actuator_delays_s: Mapping[str, float] = field(default_factory=dict)
     magnetorquers: tuple[Magnetorquer, ...] = ()
     equalities: Mapping[int, str] = field(default_factory=dict)
+    pieces: Mapping[int, tuple[Polytope, ...]] = field(default_factory=dict)
 
     @property
     def trees(self) -> tuple[Tree, ...]:
