@@ -156,8 +156,8 @@ def _coplanar(surface: Surface, first: IntArray, second: IntArray, rounding: flo
     for one, other in ((first, second), (second, first)):
         rows = rows[(np.abs(_heights(surface, one[rows], corners[other[rows]])) <= rounding).all(axis=1)]
         # Separate or with a side in common: all of one triangle is beyond a side of the other.
-        apart = (_inward(surface, one[rows], corners[other[rows]]) <= rounding).all(axis=1).any(axis=1)
-        rows = rows[~apart]
+        beyond = _inward(surface, one[rows], corners[other[rows]]) <= rounding
+        rows = rows[~np.any(np.all(beyond, axis=1), axis=1)]
     overlap = np.zeros(len(first), dtype=bool)
     overlap[rows] = True
     return overlap

@@ -1,0 +1,163 @@
+"""The exact partition: known numbers of pieces, volumes, points inside and outside, shared planes, rounded files, limits."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from ffsm_mj.decomposition import planes
+from ffsm_mj.decomposition.gate import gate
+from ffsm_mj.errors import InputError
+from tests.decomposition import meshes
+
+NAME = "part.obj: mesh 'part'"
+CONVEX_PARTS = {
+    meshes.box: 1,
+    meshes.bracket: 2,
+    meshes.plate: 4,
+    meshes.slot: 5,
+    meshes.frame: 12,
+    meshes.cone: 64,
+}
+"""Least numbers of pieces that face planes cut: two legs, four sides, a base with two walls and two lips, twelve bars, and
+a piece behind each of the 64 inner facets."""
+
+
+def surface_of(part):
+    return gate(*part, NAME).surface
+
+
+def pieces_of(surface, tolerance_m=None):
+    return planes.partition(surface, surface.rounding if tolerance_m is None else tolerance_m, NAME)
+
+
+def turn(vertices):
+    """A rigid motion, so that no plane is parallel to those of the axes."""
+    q = np.array([0.8, 0.3, -0.2, 0.4])
+    w, x, y, z = q / np.linalg.norm(q)
+    rotation = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    return vertices @ rotation.T + [0.3, -0.2, 0.7]
+
+
+def number_around(pieces, points):
+    """In how many pieces each point is."""
+    return sum(((points @ piece.normals.T - piece.offsets).max(axis=1) < 0.0).astype(int) for piece in pieces)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("part", CONVEX_PARTS)
+def test_pieces_fill_the_solid_once(part, turned):
+    """Number and volume; and every point is in one piece if it is inside, by the winding number, and in none outside.
+
+    Rounding: coordinates of 1 m have 1e-16, and the planes of adjacent facets of the cone meet at 0.1 rad, which is ten
+    times as much at their corners; 0.02 m3 times that is below 1e-16 m3 for the smaller parts and 1e-15 m3 for the cone.
+    """
+    vertices, faces = part()
+    surface = surface_of((turn(vertices) if turned else vertices, faces))
+    pieces = pieces_of(surface)
+    assert len(pieces) == CONVEX_PARTS[part]
+    assert abs(sum(piece.volume for piece in pieces) - surface.volume) < 1e-15
+    for piece in pieces:
+        for face, normal, offset in zip(piece.faces, piece.normals, piece.offsets, strict=True):
+            assert np.abs(piece.vertices[list(face)] @ normal - offset).max() < 1e-14
+    # Points at random, and on both sides of every triangle.
+    rng = np.random.default_rng(1)
+    low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
+    points = rng.uniform(low - 0.02, high + 0.02, (200, 3))
+    inside = [surface.winding(point) > 0.5 for point in points]
+    centres = surface.triangles.mean(axis=1)
+    off = 1e-4 * surface.areas / np.linalg.norm(surface.areas, axis=1)[:, None]
+    for sense in (-1.0, 1.0):
+        points, inside = np.vstack((points, centres + sense * off)), [*inside, *[sense < 0.0] * len(centres)]
+    np.testing.assert_array_equal(number_around(pieces, points), inside)
+
+
+def test_neighbours_share_planes_bit_for_bit():
+    """Of any two planes of the pieces either both are one, in the same or the other sense, or they differ visibly."""
+    vertices, faces = meshes.slot()
+    pieces = pieces_of(surface_of((turn(vertices), faces)))
+    distinct = {}
+    for piece in pieces:
+        for normal, offset in zip(piece.normals.tolist(), piece.offsets.tolist(), strict=True):
+            first = next(value for value in normal if abs(value) > 0.1)
+            sense = 1.0 if first > 0.0 else -1.0
+            distinct[tuple(sense * value for value in (*normal, offset))] = True
+    for one, other in combinations(map(np.array, distinct), 2):
+        assert np.abs(one - other).max() > 1e-3
+    # Two ends, two outer sides, bottom, top, floor of the slot, lips, and two walls of the slot and of its neck.
+    assert len(distinct) == 12
+
+
+@pytest.mark.parametrize("part", CONVEX_PARTS)
+def test_single_precision_changes_no_number(part):
+    """STL has coordinates in single precision, so that corners of a face are no longer in one plane."""
+    vertices, faces = part()
+    surface = surface_of((turn(vertices).astype(np.float32).astype(np.float64), faces))
+    pieces = pieces_of(surface)
+    assert len(pieces) == CONVEX_PARTS[part]
+    # Each face moves by no more than the tolerance.
+    area = 0.5 * np.linalg.norm(surface.areas, axis=1).sum()
+    assert abs(sum(piece.volume for piece in pieces) - surface.volume) < surface.rounding * area
+
+
+def test_decimal_digits_need_a_tolerance():
+    """An OBJ with six digits is rounded by 5e-7 m: facets that meet at 0.1 rad move by ten times that."""
+    vertices, faces = meshes.cone()
+    surface = surface_of((np.round(turn(vertices), 6), faces))
+    assert len(pieces_of(surface, 1e-5)) == 64
+    assert len(pieces_of(surface, 1e-6)) > 64
+
+
+@pytest.mark.long
+def test_nozzle():
+    """A piece behind each of its 64 x 12 inner facets."""
+    surface = surface_of(meshes.nozzle())
+    pieces = pieces_of(surface)
+    assert len(pieces) == 768
+    assert abs(sum(piece.volume for piece in pieces) - surface.volume) < 1e-15
+
+
+def test_small_nozzle():
+    surface = surface_of(meshes.nozzle(16, 4))
+    pieces = pieces_of(surface)
+    assert len(pieces) == 64
+    assert abs(sum(piece.volume for piece in pieces) - surface.volume) < 1e-16
+
+
+def test_cavities_and_separate_parts():
+    """A box in a hollow box: the six walls of the hollow one, and the inner one."""
+    vertices, faces = meshes.box()
+    scaled = [(1.0, faces), (0.8, faces[:, ::-1]), (0.5, faces)]
+    centre = vertices.mean(axis=0)
+    both = (
+        np.vstack([centre + scale * (vertices - centre) for scale, _ in scaled]),
+        np.vstack([triangles + k * len(vertices) for k, (_, triangles) in enumerate(scaled)]),
+    )
+    surface = surface_of(both)
+    pieces = pieces_of(surface)
+    assert len(pieces) == 7
+    assert sum(piece.volume for piece in pieces) == pytest.approx(1e-3 * (1.0 - 0.512 + 0.125), rel=1e-12)
+
+
+@pytest.mark.parametrize(("limit", "least"), [("MOST_PLANES", 20), ("MOST_PIECES", 20), ("LONGEST_S", 0.0)])
+def test_limits_suggest_the_other_method(monkeypatch, limit, least):
+    monkeypatch.setattr(planes, limit, least)
+    with pytest.raises(InputError, match="method: coacd") as refused:
+        pieces_of(surface_of(meshes.cone()))
+    assert refused.value.lines[0].startswith(NAME)
+
+
+def test_pieces_that_do_not_fill_the_mesh_are_refused():
+    """A tolerance beyond what separates facets takes some together and not others."""
+    vertices, faces = meshes.cone()
+    surface = surface_of((np.round(turn(vertices), 6), faces))
+    with pytest.raises(InputError, match=r"the pieces have 0\.60.* m3, the mesh has 0\.00696"):
+        pieces_of(surface, 1e-4)
