@@ -56,7 +56,7 @@ class Polytope:
     def volume(self) -> float:
         """Volume in m3: the sum of the pyramids over the faces with a corner as apex."""
         apex = self.vertices[0]
-        areas = [float(np.linalg.norm(_area_vector(self.vertices[list(face)]))) for face in self.faces]
+        areas = [float(np.linalg.norm(area_vector(self.vertices[list(face)]))) for face in self.faces]
         return float((self.offsets - self.normals @ apex) @ areas) / 3.0
 
     @property
@@ -186,7 +186,7 @@ def plane_of(corners: FloatArray) -> tuple[FloatArray, float]:
 
     Its normal is along the area vector of the polygon; for one parallel to a plane of coordinates it is exact.
     """
-    area = _area_vector(corners)
+    area = area_vector(corners)
     normal = area / np.linalg.norm(area) + 0.0
     # The mean is that of differences, so that the offset of equal coordinates is exact.
     return normal, float(corners[0] @ normal + ((corners - corners[0]) @ normal).mean())
@@ -197,10 +197,18 @@ def _sides(polygon: Sequence[int]) -> Iterable[tuple[int, int]]:
     return pairwise((*polygon, polygon[0]))
 
 
-def _area_vector(corners: FloatArray) -> FloatArray:
-    """Area of a polygon in m2 times its normal, (3,)."""
-    spans = corners[1:] - corners[0]
-    return np.asarray(0.5 * np.cross(spans[:-1], spans[1:]).sum(axis=0))
+def area_vector(corners: FloatArray) -> FloatArray:
+    """Area of a polygon in m2 times its normal, (3,).
+
+    Of differences of coordinates, so that the components of one parallel to a plane of coordinates are exactly zero.
+    """
+    (a, b, c), *others = corners.tolist()
+    x = y = z = 0.0
+    for (d, e, f), (g, h, i) in pairwise([(p - a, q - b, r - c) for p, q, r in others]):
+        x += e * i - f * h
+        y += f * g - d * i
+        z += d * h - e * g
+    return np.array((0.5 * x, 0.5 * y, 0.5 * z))
 
 
 def _crossing(one: tuple[list[float], float], other: tuple[list[float], float]) -> FloatArray:
@@ -241,7 +249,7 @@ def _coplanar(points: FloatArray, facets: Any, merge: float) -> list[list[int]]:
         merge: Distance from the plane of the first triangle within which the corners of the others are.
     """
     corners = points[facets.simplices]
-    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    areas = np.array([np.linalg.norm(area_vector(triangle)) for triangle in corners])
     waiting, groups = set(range(len(corners))), []
     for first in np.argsort(-areas).tolist():
         if first not in waiting:
@@ -270,8 +278,7 @@ def _oriented(points: FloatArray, facets: Any) -> list[list[int]]:
     Thin triangles do not tell their sense by their area: it passes from the largest one to its neighbours.
     """
     triangles: list[list[int]] = facets.simplices.tolist()
-    corners = points[facets.simplices]
-    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.array([area_vector(triangle) for triangle in points[facets.simplices]])
     first = int(np.argmax(np.linalg.norm(areas, axis=1)))
     if areas[first] @ facets.equations[first, :3] < 0.0:
         triangles[first].reverse()

@@ -16,6 +16,7 @@ from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.features.body_motion import Vector
 from ffsm_mj.contact.solid.tree import BoxTree
 from ffsm_mj.contact.solid.welding import Plane, Welded
+from ffsm_mj.dynamics.rigid_body import cross
 from ffsm_mj.hull import hull
 from ffsm_mj.tolerances import MERGED_M
 
@@ -88,9 +89,9 @@ class UnionFace:
         """Corners of the hull of the outline, counter-clockwise seen from outside, (k, 3)."""
         points = np.unique(self.boundary.reshape(-1, 3), axis=0)
         across = np.eye(3)[int(np.argmin(np.abs(self.normal)))]
-        u = np.cross(across, self.normal)
+        u = cross(across, self.normal)
         u /= np.linalg.norm(u)
-        flat = points @ np.stack((u, np.cross(self.normal, u))).T
+        flat = points @ np.stack((u, cross(self.normal, u))).T
         # Corners within a straight side are left out by rounding, not by the coarser tolerance of touching sets.
         corners = hull(flat, merge=self.tolerance, straight=MERGED_M)
         return points[[int(np.argmin(np.abs(flat - corner).sum(axis=1))) for corner in corners]]
@@ -189,7 +190,7 @@ class _Outlines:
         if length <= self._tolerance:
             return []
         along = span / length
-        outward = np.cross(along, self._normal)
+        outward = cross(along, self._normal)
         covered = []
         for other in self._tree.near(np.minimum(start, end), np.maximum(start, end), self._tolerance).tolist():
             inwards, levels = self._shapes[other]
@@ -249,7 +250,7 @@ def _keys(polygon: FloatArray) -> list[tuple[tuple[float, ...], tuple[float, ...
 
 def _side(normal: FloatArray, start: FloatArray, end: FloatArray) -> tuple[Vector, float]:
     """Inward unit vector of a side, and its position along it; see ``PolytopeOutline.face``."""
-    inwards = np.cross(normal, end - start)
+    inwards = cross(normal, end - start)
     inwards /= np.linalg.norm(inwards)
     x, y, z = inwards.tolist()
     return (x, y, z), float(inwards @ start)
@@ -257,7 +258,7 @@ def _side(normal: FloatArray, start: FloatArray, end: FloatArray) -> tuple[Vecto
 
 def _half_planes_of(normal: FloatArray, polygon: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Inward unit vectors of all sides of a polygon, (k, 3), and their levels, (k,)."""
-    inwards = np.cross(normal, np.roll(polygon, -1, axis=0) - polygon)
+    inwards = np.array([cross(normal, span) for span in np.roll(polygon, -1, axis=0) - polygon])
     lengths = np.linalg.norm(inwards, axis=1)
     long = lengths > MERGED_M  # shorter ones have no direction
     inwards = inwards[long] / lengths[long, None]

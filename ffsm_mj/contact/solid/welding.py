@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
-from ffsm_mj.polytope import Polytope
+from ffsm_mj.polytope import Polytope, area_vector
 from ffsm_mj.tolerances import EPSILON
 
 _COPLANAR_COSINE = 0.99
@@ -153,7 +153,7 @@ class _Faces:
         self._starts = np.cumsum([0, *map(len, polygons)])
         self._lower = np.minimum.reduceat(self._corners, self._starts[:-1])
         self._upper = np.maximum.reduceat(self._corners, self._starts[:-1])
-        self._areas = np.array([_area(polygon) for polygon in polygons])
+        self._areas = np.array([np.linalg.norm(area_vector(polygon)) for polygon in polygons])
         self.rounding = _ROUNDING * max(1.0, float(np.abs(self._corners).max()))
 
     def assigned(self, weld_m: float) -> tuple[IntArray, IntArray, IntArray]:
@@ -201,11 +201,6 @@ class _Faces:
             corners = self._corners[self._starts[face] : self._starts[face + 1]]
             heights[face] = np.abs(corners @ normal - offset).max()
         return cosines, heights
-
-
-def _area(polygon: FloatArray) -> float:
-    spans = polygon[1:] - polygon[0]
-    return 0.5 * float(np.linalg.norm(np.cross(spans[:-1], spans[1:]).sum(axis=0)))
 
 
 def _off_plane(piece: Polytope, normals: FloatArray, offsets: FloatArray) -> list[tuple[FloatArray, FloatArray]]:

@@ -80,6 +80,14 @@ def test_an_l_is_not_convex_and_its_seam_is_no_side():
         assert face.inside(np.array([x, y, 0.3])) == pytest.approx(distance, abs=1e-14)
 
 
+def test_sides_of_overlapping_pieces_on_one_line_are_outline():
+    """Two rectangles that overlap and end at y = 0 both, with the solid on one side: this side is covered by neither."""
+    (face,) = upper_faces([rectangle(0.5, 0.5, 0.5, 0.5), rectangle(1.0, 0.25, 0.5, 0.25)])
+    assert face.sides == ()
+    assert face.inside(np.array([0.75, 0.1, 0.0])) == pytest.approx(0.1, abs=1e-14)
+    assert face.inside(np.array([0.75, -0.1, 0.0])) == pytest.approx(-0.1, abs=1e-14)
+
+
 def test_the_distance_is_continuous_across_seams():
     """Along lines over the L: it changes by no more than the point moves, also within rounding of the seam."""
     (face,) = upper_faces([rectangle(0.5, 0.2, 0.5, 0.2), rectangle(0.2, 0.7, 0.2, 0.3)])
