@@ -141,8 +141,12 @@ class ContactPair(Stateful):
         self._root1, self._root2 = int(model.body_rootid[self.body_a]), int(model.body_rootid[self.body_b])
         radius = side_radius(model, self._g1) + side_radius(model, self._g2)
         self.flush_offset, self.flush_angle = flush_offset(radius), flush_offset(radius) / radius if radius > 0.0 else 0.0
+        self._bound = MotionBound(model, self.ids)
+        self._search = self._normal_search()
+
+    def _normal_search(self) -> NormalSearch:
         search = HalfSpaceNormal if _PLANE in self._kinds else NormalSearch
-        self._search, self._bound = search(self.ids, self.size, self.flush_offset), MotionBound(model, self.ids)
+        return search(self.ids, self.size, self.flush_offset)
 
     def _check(self, system: System) -> None:
         model = system.mj
@@ -174,6 +178,15 @@ class ContactPair(Stateful):
         """Both geoms, for messages."""
         return f"{self.geom_a} - {self.geom_b}"
 
+    @property
+    def geom_pairs(self) -> tuple[frozenset[int], ...]:
+        """Ids of both geoms of every two geoms that can touch: one here, several between unions."""
+        return (self.geom_ids,)
+
+    def shapes(self, model: Any, data: Any) -> tuple[Shape, Shape]:
+        """Shapes of a and b at the state in ``data``."""
+        return Shape(model, data, self._g1), Shape(model, data, self._g2)
+
     def gap(self, model: Any, data: Any, limit: float = FAR_M) -> float:
         """Signed distance in m from a distance query, negative when overlapping; ``limit`` if it is larger."""
         return self._search.distance(model, data, limit)
@@ -188,7 +201,7 @@ class ContactPair(Stateful):
         """
         if not self._query_scatters:
             return gap
-        shapes = Shape(model, data, self._g1), Shape(model, data, self._g2)
+        shapes = self.shapes(model, data)
         return separation(*shapes, self._search.normal(model, data, shapes).normal)
 
     def closing_speed_bound(self, data: Any) -> float:
@@ -197,7 +210,7 @@ class ContactPair(Stateful):
 
     def proximity(self, model: Any, data: Any) -> Proximity:
         """Gap, normal, points and rates at the state in ``data`` (kinematics and velocities current)."""
-        shapes = Shape(model, data, self._g1), Shape(model, data, self._g2)
+        shapes = self.shapes(model, data)
         normal, features, witness = self._search.normal(model, data, shapes)
         points = touching_set(*features, normal, CONTACT_GAP_M + self.position_tolerance, self.flush_offset)
         # Features that do not overlap in projection, as corners that are too close: the middle of the witness points serves.
@@ -230,7 +243,7 @@ class ContactPair(Stateful):
 
     def second_rate(self, model: Any, data: Any, near: Proximity, point: FloatArray) -> SecondRate:
         """Second rate of the gap at one of the points of a proximity; accelerations in ``data`` must be current."""
-        shapes = Shape(model, data, self._g1), Shape(model, data, self._g2)
+        shapes = self.shapes(model, data)
         half = 0.5 * near.gap * near.normal
         bodies, points = (self.body_a, self.body_b), (point - half, point + half)
         return second_rate(model, data, bodies, shapes, near.normal, points)

@@ -10,34 +10,65 @@ normal only, where every point of it is extreme.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.solid.polytope import Polytope
 from ffsm_mj.hull import hull
 from ffsm_mj.tolerances import CONTACT_GAP_M, MERGED_M, MESH_PRECISION, PARALLEL, STRAIGHT
 
 _ON_AXIS = 1e-9
 """A direction within this angle of the axis of a cylinder, in rad, has no radius of curvature around the axis."""
+_TINY = 1e-300
+"""Divides what is zero only where its quotient does not count."""
 _DISC_POINTS = 8
 """Number of fixed points that represent the rim of a cap."""
 
 _PLANE, _SPHERE, _ELLIPSOID = mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID
 _BOX, _CAPSULE, _CYLINDER = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_CYLINDER
+_MESH = mujoco.mjtGeom.mjGEOM_MESH
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A convex part of a rigid body that is a polytope outside MuJoCo, in double precision.
+
+    Attributes:
+        body: Body in whose axes it is.
+        polytope: The polytope, m.
+        centre: Mean of its vertices, m, (3,).
+        radius: Greatest distance of its vertices from there, m.
+    """
+
+    body: int
+    polytope: Polytope
+    centre: FloatArray
+    radius: float
+
+    @classmethod
+    def of(cls, body: int, polytope: Polytope) -> Part:
+        """The part of a body that is a polytope."""
+        centre = polytope.vertices.mean(axis=0)
+        return cls(body, polytope, centre, float(np.linalg.norm(polytope.vertices - centre, axis=1).max()))
 
 
 class Shape:
     """One convex geom at its pose in MuJoCo's data."""
 
-    def __init__(self, model: Any, data: Any, geom: int) -> None:
-        """Take views of the pose of a geom (id); kinematics in ``data`` must be current."""
-        self._model, self._geom = model, geom
-        self._kind = mujoco.mjtGeom(model.geom_type[geom])
+    def __init__(self, model: Any, data: Any, geom: int, part: Part | None = None) -> None:
+        """Take views of the pose of a geom (id), or of a part of it; kinematics in ``data`` must be current."""
+        self._model, self._geom, self._part = model, geom, part
+        self._kind = mujoco.mjtGeom(model.geom_type[geom]) if part is None else _MESH
         self._size: FloatArray = model.geom_size[geom]
-        self._rotation: FloatArray = data.geom_xmat[geom].reshape(3, 3)
-        self._position: FloatArray = data.geom_xpos[geom]
+        if part is None:
+            self._rotation: FloatArray = data.geom_xmat[geom].reshape(3, 3)
+            self._position: FloatArray = data.geom_xpos[geom]
+        else:
+            self._rotation, self._position = data.xmat[part.body].reshape(3, 3), data.xpos[part.body]
 
     @property
     def is_plane(self) -> bool:
@@ -56,7 +87,7 @@ class Shape:
     @property
     def position_tolerance(self) -> float:
         """Tolerance to which its points are known, m: 0 except for meshes."""
-        return position_tolerance(self._model, self._geom)
+        return position_tolerance(self._model, self._geom) if self._part is None else 0.0
 
     @property
     def side_radius(self) -> float:
@@ -140,7 +171,7 @@ class Shape:
     def hull_edges(self, direction: FloatArray, width: float) -> FloatArray:
         """The same as :meth:`edges`, but for a mesh all edges of its convex hull, (k, 3); a face has all that bound it."""
         model, mesh = self._model, int(self._model.geom_dataid[self._geom])
-        if self._kind != mujoco.mjtGeom.mjGEOM_MESH or not model.mesh_polynum[mesh]:
+        if self._kind != _MESH or self._part is not None or not model.mesh_polynum[mesh]:
             return self.edges(direction, width)
         polygons = slice(int(model.mesh_polyadr[mesh]), int(model.mesh_polyadr[mesh]) + int(model.mesh_polynum[mesh]))
         starts, counts = model.mesh_polyvertadr[polygons], model.mesh_polyvertnum[polygons]
@@ -171,14 +202,60 @@ class Shape:
     def _mesh_points(self, local: FloatArray, width: float) -> FloatArray:
         vertices = self._vertices()
         heights = vertices @ local
-        reach = max(width, MESH_PRECISION) * float(self._model.geom_rbound[self._geom]) if width > 0.0 else 0.0
+        if self._part is None:
+            reach = max(width, MESH_PRECISION) * float(self._model.geom_rbound[self._geom])
+        else:
+            reach = width * self._part.radius
+        reach = reach if width > 0.0 else 0.0
         return np.unique(vertices[heights >= heights.max() - reach], axis=0)
 
     def _vertices(self) -> FloatArray:
-        """Vertices of the mesh in the axes of the geom, (n, 3)."""
+        """Vertices of the mesh in the axes of the geom or of the body of the part, (n, 3)."""
+        if self._part is not None:
+            return self._part.polytope.vertices
         model, mesh = self._model, int(self._model.geom_dataid[self._geom])
         first = int(model.mesh_vertadr[mesh])
         return np.asarray(model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])].astype(np.float64))
+
+
+    def normals_at(self, point: FloatArray, tolerance: float) -> FloatArray | None:
+        """Outward unit normals of the surfaces that meet at a point, world axes, (k, 3).
+
+        Args:
+            point: A point, world axes, m, (3,).
+            tolerance: A surface within this of the point, m, is at it.
+
+        Returns:
+            Empty if the point is within the geom; None if it is outside by more than the tolerance.
+        """
+        local, size = (point - self._position) @ self._rotation, self._size
+        if self._part is not None:
+            normals, depths = self._part.polytope.normals, self._part.polytope.offsets - self._part.polytope.normals @ local
+        elif self._kind == _BOX:
+            normals, depths = np.vstack((np.eye(3), -np.eye(3))), np.concatenate((size - local, size + local))
+        elif self._kind in (_SPHERE, _CAPSULE):
+            middle = np.array((0.0, 0.0, np.clip(local[2], -size[1], size[1]) if self._kind == _CAPSULE else 0.0))
+            normals, depths = _radial(local - middle, size[0])
+        elif self._kind == _CYLINDER:
+            normals, depths = _radial(local * (1.0, 1.0, 0.0), size[0])
+            normals = np.vstack((normals, np.eye(3)[2], -np.eye(3)[2]))
+            depths = np.concatenate((depths, (size[1] - local[2], size[1] + local[2])))
+        elif self._kind == _PLANE:
+            normals, depths = np.eye(3)[2:], -local[2:]
+        else:
+            # The height over an ellipsoid, to first order in it, is what counts next to its surface.
+            gradient = local / size**2
+            slope, level = float(np.linalg.norm(gradient)), float(local @ gradient)
+            normals, depths = gradient[None] / max(slope, _TINY), np.array([(1.0 - level) / (2.0 * max(slope, _TINY))])
+        if (depths < -tolerance).any():
+            return None
+        return np.asarray(normals[depths <= tolerance] @ self._rotation.T)
+
+
+def _radial(offset: FloatArray, radius: float) -> tuple[FloatArray, FloatArray]:
+    """Normal of a round surface towards an offset from its middle, (1, 3), and the depth of that point, m, (1,)."""
+    length = float(np.linalg.norm(offset))
+    return offset[None] / max(length, _TINY), np.array([radius - length])
 
 
 def position_tolerance(model: Any, geom: int) -> float:

@@ -1,0 +1,146 @@
+"""Cells: which normals a contact may have at one point of two unions of convex pieces.
+
+At a point x each piece has the tangent cone of its active faces. Two pieces that touch at x can part along the separating
+normals, the cone of n with n in the normal cone of the piece of a and -n in that of the piece of b; S are its extreme rays.
+A motion w of b relative to a overlaps a pair of pieces only if n . w < 0 for all n in S. So w is free of overlap if
+
+    for every pair of pieces that touch at x, some n in S has n . w >= 0.
+
+Expanded into a disjunction, each term is a cell: a set of normals that all must not approach. A term that another one
+contains is no cell of its own, and with it the normals of covered faces vanish: over the seam of two coplanar boxes the pairs
+say {z} and {z or x}, and the only cell is {z}. In a concave corner both normals are in one cell.
+
+Reference: M. Anitescu and F. Potra state the frictional problem for convex pairs only; the polar of a union is the
+intersection of the polars (Rockafellar, *Convex Analysis*, sec. 16).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+from scipy.optimize import nnls
+
+from ffsm_mj.arrays import FloatArray
+
+_SAME = 1e-9
+"""Unit vectors that differ by less are one; residual below which a unit vector is in a cone. Normals are known to 1e-10."""
+_MOST_TERMS = 256
+"""Terms of a disjunction that are expanded; two pieces meet at a point in a handful."""
+
+
+def in_cone(rays: FloatArray, vector: FloatArray, tolerance: float = _SAME) -> bool:
+    """Whether a unit vector is a combination of some rays, (k, 3), with no negative share."""
+    return len(rays) > 0 and float(nnls(rays.T, vector)[1]) <= tolerance
+
+
+def separating_normals(normals_a: FloatArray, normals_b: FloatArray) -> FloatArray:
+    """Extreme rays of the cone of normals along which two pieces part, (k, 3); empty if they overlap.
+
+    Args:
+        normals_a: Outward normals of the faces of the piece of a that meet at the point, (m, 3).
+        normals_b: The same of b, (n, 3).
+    """
+    return intersection(normals_a, -normals_b)
+
+
+def intersection(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Extreme rays of the intersection of two cones that are given by rays, (m, 3) and (n, 3)."""
+    if len(first) == len(second) == 1:
+        return first if np.linalg.norm(first[0] - second[0]) <= _SAME else np.empty((0, 3))
+    rays = [ray for ray in first if in_cone(second, ray)] + [ray for ray in second if in_cone(first, ray)]
+    # Where faces of both cones cross: along the line that two of their planes share.
+    for a, b in combinations(first, 2):
+        for c, d in combinations(second, 2):
+            along = np.cross(np.cross(a, b), np.cross(c, d))
+            length = float(np.linalg.norm(along))
+            if length > _SAME:
+                both = (along / length, -along / length)
+                rays += [ray for ray in both if in_cone(first, ray) and in_cone(second, ray)]
+    return extreme(np.array(rays).reshape(-1, 3))
+
+
+def extreme(rays: FloatArray) -> FloatArray:
+    """Those of some rays that are not combinations of the others, in an order that depends on them alone, (k, 3)."""
+    distinct: list[FloatArray] = []
+    for ray in rays:
+        if all(np.linalg.norm(ray - other) > _SAME for other in distinct):
+            distinct.append(ray)
+    kept = list(distinct)
+    for ray in distinct:
+        others = [other for other in kept if other is not ray]
+        if others and in_cone(np.array(others), ray):
+            kept = others
+    return np.array(sorted(kept, key=_order)).reshape(-1, 3)
+
+
+def _order(ray: FloatArray) -> tuple[float, ...]:
+    """Sort key of a ray, in which rounding does not decide."""
+    return tuple(np.round(ray, 6).tolist())
+
+
+def nearest_in_cone(rays: FloatArray, vector: FloatArray) -> FloatArray:
+    """The unit vector of a cone that is nearest to a unit vector, (3,)."""
+    shares, _ = nnls(rays.T, vector)
+    along = rays.T @ shares
+    length = float(np.linalg.norm(along))
+    return np.asarray(along / length) if length > 0.0 else rays[0]
+
+
+def cells(clauses: Sequence[FloatArray]) -> list[FloatArray]:
+    """Cells of the conjunction of some clauses.
+
+    Args:
+        clauses: Separating normals of each pair of pieces that touch at the point, (k, 3) each, none empty.
+
+    Returns:
+        Sets of normals, (k, 3) each, sorted; no cell contains another one.
+    """
+    terms: list[FloatArray] = [np.empty((0, 3))]
+    for clause in sorted(clauses, key=len):
+        wider = [extreme(np.vstack((term, ray))) for term in terms for ray in clause]
+        terms = _absorbed(term for term in wider if _is_solid(term))[:_MOST_TERMS]
+    return terms
+
+
+def _absorbed(terms: object) -> list[FloatArray]:
+    """Terms without those that another one contains."""
+    kept: list[FloatArray] = []
+    for term in sorted(terms, key=lambda rays: (len(rays), *map(_order, rays))):  # type: ignore[call-overload]
+        # The motions of a term are those of another one if each normal of that one follows from its own.
+        if not any(all(in_cone(term, ray) for ray in other) for other in kept):
+            kept = [other for other in kept if not all(in_cone(other, ray) for ray in term)]
+            kept.append(term)
+    return kept
+
+
+def _is_solid(term: FloatArray) -> bool:
+    """Whether some motion opens all normals of a term at once: opposite normals leave a plane of motions, no cell."""
+    # 0 is in the convex hull of the normals if and only if no motion opens all: the least norm of their means is its distance.
+    weighted = np.vstack((term.T, np.ones(len(term))))
+    shares, _ = nnls(weighted, np.array((0.0, 0.0, 0.0, 1.0)))
+    total = float(shares.sum())
+    return total <= 0.0 or float(np.linalg.norm(term.T @ shares)) > _SAME * total
+
+
+def chosen_cell(found: Sequence[FloatArray], motion: FloatArray, tolerance: float) -> FloatArray:
+    """The cell that a motion is in, or the nearest one, (k, 3).
+
+    Args:
+        found: Cells, at least one.
+        motion: Velocity of b relative to a at the point, m/s, (3,).
+        tolerance: Approach within this is none, m/s.
+    """
+    free = [cell for cell in found if (cell @ motion >= -tolerance).all()]
+    if free:
+        # In several cells at once, the motion may open more contacts in one than in another: the freest one holds.
+        return max(free, key=lambda cell: float((cell @ motion).min()))
+    return min(found, key=lambda cell: _distance(cell, motion))
+
+
+def _distance(cell: FloatArray, motion: FloatArray) -> float:
+    """Distance of a motion from the motions of a cell, m/s: the length of the part that its normals must take away."""
+    # By Moreau's decomposition it is the length of the projection of -w on the cone of the normals.
+    shares, _ = nnls(cell.T, -motion)
+    return float(np.linalg.norm(cell.T @ shares))
