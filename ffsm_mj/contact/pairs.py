@@ -30,7 +30,7 @@ from ffsm_mj.contact.motion_bound import MotionBound
 from ffsm_mj.contact.normal import HalfSpaceNormal, NormalSearch, separation
 from ffsm_mj.contact.patch import caps_of, facing, flush_offset, touching_set
 from ffsm_mj.contact.proximity import FAR_M, Proximity, SecondRate, second_rate
-from ffsm_mj.contact.shape import Shape, position_tolerance, side_radius
+from ffsm_mj.contact.shape import Part, Shape, position_tolerance, side_radius
 from ffsm_mj.model.system import System
 from ffsm_mj.state import Stateful
 from ffsm_mj.tolerances import CONTACT_GAP_M, EPSILON, RATE
@@ -77,6 +77,11 @@ def shape_fault(system: System, geom: int) -> str:
     return f"geom {name!r} is a {shape}: impacts need convex geoms (sphere, capsule, box, ...) or planes" if shape else ""
 
 
+def gap_rounding(points: FloatArray) -> float:
+    """Rounding of a gap at some points, m; world axes, (k, 3)."""
+    return _GAP_ROUNDING_M + 4.0 * EPSILON * float(np.abs(points).max())
+
+
 class ContactPair(Stateful):
     """Two geoms, a and b, on bodies that move relative to each other; one of them may be on a fixed object.
 
@@ -96,9 +101,11 @@ class ContactPair(Stateful):
         flush_angle: Angle of the normals at both ends of such sides, rad; 0 without round sides.
         size: Half the thinnest extent of both geoms in m; over a shorter motion the gap has at most one extremum.
         is_limit: False: it is no joint limit.
+        parts: Parts of the geoms that touch; None: a whole geom.
     """
 
     is_limit: Literal[False] = False
+    parts: tuple[Part | None, Part | None] = (None, None)
 
     @dataclass
     class State:
@@ -208,6 +215,10 @@ class ContactPair(Stateful):
         """Bound on the closing speed for the velocities in ``data``, m/s."""
         return self._bound.closing_speed(data)
 
+    def proximities(self, model: Any, data: Any) -> tuple[Proximity, ...]:
+        """All patches of contact at the state in ``data``: one of two convex geoms; see :meth:`proximity`."""
+        return (self.proximity(model, data),)
+
     def proximity(self, model: Any, data: Any) -> Proximity:
         """Gap, normal, points and rates at the state in ``data`` (kinematics and velocities current)."""
         shapes = self.shapes(model, data)
@@ -215,7 +226,7 @@ class ContactPair(Stateful):
         points = touching_set(*features, normal, CONTACT_GAP_M + self.position_tolerance, self.flush_offset)
         # Features that do not overlap in projection, as corners that are too close: the middle of the witness points serves.
         points = points if len(points) else witness[None]
-        rounding = _GAP_ROUNDING_M + 4.0 * EPSILON * float(np.abs(points).max())
+        rounding = gap_rounding(points)
         rates, tolerance = self._rates(data, normal, points)
         near = Proximity(separation(*shapes, normal), normal, points, rates, tolerance, rounding)
         return self._with_rims(shapes, data, near) if self.is_of(mujoco.mjtGeom.mjGEOM_CYLINDER) else near

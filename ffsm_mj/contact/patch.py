@@ -184,6 +184,17 @@ def touching_set(
     return np.asarray(corners[touching] @ plane + np.outer(0.5 * (low + high)[touching], normal))
 
 
+def corners_across(points: FloatArray, normal: FloatArray) -> list[int]:
+    """Indices of the points, (k, 3), that are corners of their hull in the plane across a normal, in order around it."""
+    if len(points) == 1:
+        return [0]
+    plane = _axes_across(normal)
+    flat = points @ plane.T
+    reach = CONTACT_GAP_M + 1e-7 * float(np.ptp(flat, axis=0).max())
+    corners = hull(flat, merge=reach, straight=STRAIGHT)
+    return [int(np.argmin(np.abs(flat - corner).sum(axis=1))) for corner in corners]
+
+
 def opposite(first: FloatArray, second: FloatArray, normal: FloatArray, flush: float = 0.0) -> bool:
     """Whether two features overlap in projection along a direction; if not, the direction is not the contact normal.
 
@@ -205,12 +216,16 @@ def opposite(first: FloatArray, second: FloatArray, normal: FloatArray, flush: f
 
 def _flattened(first: FloatArray, second: FloatArray, normal: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Two axes across the normal, (2, 3), and the hulls of both features in the plane of these axes."""
-    axis = np.eye(3)[int(np.argmin(np.abs(normal)))]
-    u = np.cross(normal, axis)
-    u /= np.linalg.norm(u)
-    plane = np.stack((u, np.cross(normal, u)))
+    plane = _axes_across(normal)
     a, b = (hull(points @ plane.T, merge=MERGED_M, straight=STRAIGHT) for points in (first, second))
     return plane, a, b
+
+
+def _axes_across(normal: FloatArray) -> FloatArray:
+    """Two axes across a normal, (2, 3)."""
+    u = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
+    u /= np.linalg.norm(u)
+    return np.stack((u, np.cross(normal, u)))
 
 
 def _heights(heights: FloatArray, places: FloatArray, corners: FloatArray) -> FloatArray:

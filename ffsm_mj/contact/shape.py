@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.solid.polytope import Polytope
+from ffsm_mj.polytope import Polytope
 from ffsm_mj.hull import hull
 from ffsm_mj.tolerances import CONTACT_GAP_M, MERGED_M, MESH_PRECISION, PARALLEL, STRAIGHT
 
@@ -216,7 +216,6 @@ class Shape:
         model, mesh = self._model, int(self._model.geom_dataid[self._geom])
         first = int(model.mesh_vertadr[mesh])
         return np.asarray(model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])].astype(np.float64))
-
 
     def normals_at(self, point: FloatArray, tolerance: float) -> FloatArray | None:
         """Outward unit normals of the surfaces that meet at a point, world axes, (k, 3).

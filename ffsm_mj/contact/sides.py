@@ -16,11 +16,13 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.shape import Part
-from ffsm_mj.contact.solid.polytope import Polytope
-from ffsm_mj.contact.solid.solid import Solid
 from ffsm_mj.model.system import System
+from ffsm_mj.polytope import Polytope, box, hull_of
+from ffsm_mj.tolerances import MESH_PRECISION
 
 _BOX, _MESH = int(mujoco.mjtGeom.mjGEOM_BOX), int(mujoco.mjtGeom.mjGEOM_MESH)
+_TOUCHING_M, _NEAR_M = 1e-6, 1e-3
+"""Geoms of one body within the first distance touch each other; the limit of the queries that tell."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +37,7 @@ class Piece:
         centre: Centre of a sphere around it, axes of the body, m, (3,).
         radius: Radius of that sphere, m.
         half_width: Half its thinnest extent, m.
+        polytope: It as a polytope, axes of the body; None for round geoms.
     """
 
     number: int
@@ -44,6 +47,12 @@ class Piece:
     centre: FloatArray
     radius: float
     half_width: float
+    polytope: Polytope | None
+
+    @property
+    def is_curved(self) -> bool:
+        """Whether it is round."""
+        return self.polytope is None
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,17 +62,25 @@ class Side:
     Attributes:
         body: Body whose axes are those of the pieces.
         pieces: Its pieces.
-        solid: Faces and edges of the union.
     """
 
     body: int
     pieces: tuple[Piece, ...]
-    solid: Solid
 
     @cached_property
     def centres(self) -> FloatArray:
         """Centres of the spheres around the pieces, axes of the body, m, (n, 3)."""
         return np.array([piece.centre for piece in self.pieces])
+
+    @cached_property
+    def radii(self) -> FloatArray:
+        """Radii of these spheres, m, (n,)."""
+        return np.array([piece.radius for piece in self.pieces])
+
+    @cached_property
+    def most_vertices(self) -> int:
+        """Largest number of vertices of a part; 0 without parts."""
+        return max((len(piece.part.polytope.vertices) for piece in self.pieces if piece.part is not None), default=0)
 
     def radius_about(self, geom: int) -> float:
         """Radius of the sphere around the middle of a geom that contains all pieces, m."""
@@ -128,25 +145,50 @@ class Sides:
         return self._made[body]
 
     def _side(self, body: int, geoms: Sequence[int]) -> Side:
-        model, pieces = self._system.mj, self._system.pieces
-        polytopes = [
-            (geom, polytope.moved(*_pose_in(model, body, geom)))
-            for geom in geoms
-            for polytope in _polytopes(model, geom, pieces)
-        ]
-        solid = Solid([polytope for _, polytope in polytopes], self._weld_m)
+        model = self._system.mj
         made: list[Piece] = []
-        for (geom, before), after in zip(polytopes, solid.polytopes, strict=True):
-            # A box that the weld leaves where it is stays a geom: its planes are exact, and its queries MuJoCo's.
-            kept = int(model.geom_type[geom]) == _BOX and geom not in pieces and after is before
-            part = None if kept else Part.of(body, after)
-            lower, upper = after.bounds
-            middle = after.vertices.mean(axis=0)
-            radius = float(np.linalg.norm(after.vertices - middle, axis=1).max())
-            made.append(Piece(len(made), geom, part, int(model.geom_type[geom]), middle, radius, 0.5 * after.width))
         for geom in geoms:
-            if not any(geom == one for one, _ in polytopes):
-                _, centre = _pose_in(model, body, geom)
+            rotation, position = _pose_in(model, body, geom)
+            kind = int(model.geom_type[geom])
+            for polytope in _polytopes(model, geom, self._system.pieces):
+                placed = polytope.moved(position, rotation)
+                # A box that stays where it is remains a geom: its planes are exact, and its queries are MuJoCo's.
+                part = Part.of(body, placed) if geom in self._system.pieces or kind == _MESH else None
+                centre = placed.vertices.mean(axis=0)
+                radius = float(np.linalg.norm(placed.vertices - centre, axis=1).max())
+                made.append(Piece(len(made), geom, part, kind, centre, radius, 0.5 * placed.thickness, placed))
+            if not made or made[-1].geom != geom:
                 radius, half = float(model.geom_rbound[geom]), float(model.geom_aabb[geom, 3:].min())
-                made.append(Piece(len(made), geom, None, int(model.geom_type[geom]), centre, radius, half))
-        return Side(body, tuple(made), solid)
+                made.append(Piece(len(made), geom, None, kind, position, radius, half, None))
+        return Side(body, tuple(made))
+
+
+def _polytopes(model: Any, geom: int, pieces: Mapping[int, tuple[Polytope, ...]]) -> tuple[Polytope, ...]:
+    """Polytopes of a geom in its axes: its pieces, or itself; none for a round geom."""
+    if geom in pieces:
+        return pieces[geom]
+    if model.geom_type[geom] == _BOX:
+        return (box(model.geom_size[geom], np.zeros(3), np.eye(3)),)
+    if model.geom_type[geom] == _MESH:
+        mesh = int(model.geom_dataid[geom])
+        first = int(model.mesh_vertadr[mesh])
+        vertices = model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])].astype(np.float64)
+        return (hull_of(vertices, MESH_PRECISION * float(model.geom_rbound[geom])),)
+    return ()
+
+
+def _pose_in(model: Any, body: int, geom: int) -> tuple[FloatArray, FloatArray]:
+    """Rotation and position of a geom in the axes of a body that it does not move against."""
+    rotation, position = _matrix(model.geom_quat[geom]), np.array(model.geom_pos[geom])
+    at = int(model.geom_bodyid[geom])
+    while at != body:
+        turn = _matrix(model.body_quat[at])
+        rotation, position = turn @ rotation, turn @ position + model.body_pos[at]
+        at = int(model.body_parentid[at])
+    return rotation, position
+
+
+def _matrix(quaternion: FloatArray) -> FloatArray:
+    matrix = np.empty(9)
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    return matrix.reshape(3, 3)

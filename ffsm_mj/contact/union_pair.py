@@ -12,35 +12,33 @@ of pieces by itself, and asks here only where it touches.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.cells import cells, chosen_cell, intersection, nearest_in_cone, separating_normals
-from ffsm_mj.contact.normal import NormalSearch, separation
-from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.contact.patch import in_plane
+from ffsm_mj.contact.normal import DISTANCE_LIMIT_M, NormalSearch, separation
+from ffsm_mj.contact.pairs import ContactPair, gap_rounding
+from ffsm_mj.contact.patch import corners_across
 from ffsm_mj.contact.probe import PartSearch, Probe
 from ffsm_mj.contact.proximity import FAR_M, Proximity, SecondRate
 from ffsm_mj.contact.shape import Shape
 from ffsm_mj.contact.sides import Piece, Side
-from ffsm_mj.hull import hull
 from ffsm_mj.model.system import System
-from ffsm_mj.tolerances import CONTACT_GAP_M, DISTANCE_QUERY_M, MERGED_M, STRAIGHT
+from ffsm_mj.tolerances import CONTACT_GAP_M, DISTANCE_QUERY_M
 
 _AT_POINT_M = 2.0 * CONTACT_GAP_M
 """Pieces within this of a contact point meet there: the point is midway of a gap of CONTACT_GAP_M, on faces that the
 weld has made one."""
+_QUERY_M = 1e-3
+"""Limit of queries that look for pieces in contact: a small limit ends a query early."""
 _ONE_NORMAL = 1e-9
 """Unit normals that differ by less are one: those of coplanar faces of one body differ by rounding."""
-_ROUND = (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_CAPSULE)
-_CURVED = tuple(
-    map(int, (*_ROUND, mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_ELLIPSOID))
-)
 
 
 @dataclass(frozen=True)
@@ -97,7 +95,11 @@ class PiecePair(ContactPair):
     @property
     def is_curved(self) -> bool:
         """Whether one of the pieces is round."""
-        return any(piece.part is None and piece.kind in _CURVED for piece in self.pieces)
+        return any(piece.is_curved for piece in self.pieces)
+
+    def touches(self, model: Any, data: Any) -> bool:
+        """Whether both pieces touch by themselves."""
+        return self.alone(model, data).gap <= CONTACT_GAP_M
 
 
 class UnionPair(ContactPair):
@@ -134,19 +136,194 @@ class UnionPair(ContactPair):
         first = min(geoms)
         super().__init__(system, name, *first, restitution, mu, rule=rule)
         self.body_a, self.body_b = (side.body for side in sides)
-        chosen = [(a, b) for a in sides[0].pieces for b in sides[1].pieces if (a.geom, b.geom) in self._geoms]
-        self._pieces, self._made = chosen, dict[int, PiecePair]()
-        self._first, self._second = (np.array([pair[k].number for pair in chosen]) for k in (0, 1))
-        self._reach: FloatArray = np.array([a.radius + b.radius for a, b in chosen])
-        self.probe = Probe(max(side.most_vertices for side in sides)) if any(s.has_parts for s in sides) else None
-        self.joined: frozenset[int] = frozenset()
+        self.position_tolerance = 0.0
+        self._pieces = [(a, b) for a in sides[0].pieces for b in sides[1].pieces if (a.geom, b.geom) in self._geoms]
+        self._made: dict[int, PiecePair] = {}
+        self._numbers = np.array([(a.number, b.number) for a, b in self._pieces]).T
+        self._spheres: FloatArray = np.array([a.radius + b.radius for a, b in self._pieces])
         self.radii = tuple(side.radius_about(geom) for side, geom in zip(sides, first, strict=True))
+        self.joined: frozenset[int] = frozenset()
+
+    @cached_property
+    def probe(self) -> Probe:
+        """Scratch model for queries of parts."""
+        return Probe(max(side.most_vertices for side in self.sides))
 
     @property
     def geom_pairs(self) -> tuple[frozenset[int], ...]:
         """Ids of both geoms of every two geoms that can touch."""
         return tuple(map(frozenset, sorted(self._geoms)))
 
-    @property
-    def is_union(self) -> bool:
-        return True
+    def is_of(self, kind: mujoco.mjtGeom) -> bool:
+        """Whether one of the pieces is of a kind."""
+        return any(piece.kind == int(kind) and piece.part is None for side in self.sides for piece in side.pieces)
+
+    # ---- Pairs of pieces
+
+    def piece_pair(self, number: int) -> PiecePair:
+        """A pair of pieces, by its place among all; made when it comes near first."""
+        if number not in self._made:
+            self._made[number] = PiecePair(self._system, self, *self._pieces[number])
+        return self._made[number]
+
+    def _lower_bounds(self, data: Any) -> FloatArray:
+        """Distances of the spheres around the pieces of all pairs, m, (n,): no gap is smaller."""
+        a, b = (data.xpos[side.body] + side.centres @ data.xmat[side.body].reshape(3, 3).T for side in self.sides)
+        apart = b[self._numbers[1]] - a[self._numbers[0]]
+        return np.asarray(np.sqrt(np.einsum("ij,ij->i", apart, apart)) - self._spheres)
+
+    def within(self, model: Any, data: Any, reach: float, leave_out: Collection[int] = ()) -> list[tuple[float, int]]:
+        """Gaps, as queries say, and numbers of the pairs of pieces that are within a reach in m, the nearest first."""
+        near = np.flatnonzero(self._lower_bounds(data) <= reach).tolist()
+        gaps = ((self.piece_pair(k).gap(model, data, reach), k) for k in near if k not in leave_out)
+        return sorted((gap, k) for gap, k in gaps if gap < reach)
+
+    def gap(self, model: Any, data: Any, limit: float = FAR_M) -> float:
+        """Signed distance in m of the unions from distance queries; ``limit`` if it is larger."""
+        return self.gap_without((), model, data, limit)
+
+    def gap_without(self, leave_out: Collection[int], model: Any, data: Any, limit: float) -> float:
+        """The same without some pairs of pieces."""
+        bounds = self._lower_bounds(data)
+        least = limit
+        for k in np.argsort(bounds, kind="stable").tolist():
+            if bounds[k] >= least:
+                break
+            if k not in leave_out:
+                least = min(least, self.piece_pair(k).gap(model, data, least))
+        return least
+
+    def join(self, model: Any, data: Any) -> None:
+        """Take the pairs of pieces that touch at the state in ``data`` as joined."""
+        near = self.within(model, data, _QUERY_M)
+        self.joined = frozenset(k for gap, k in near if gap <= DISTANCE_QUERY_M and self.piece_pair(k).touches(model, data))
+
+    def closing_speed_bound(self, data: Any) -> float:
+        """Bound on the closing speed of any two pieces; see :class:`ContactPair`."""
+        raise NotImplementedError  # event location asks each pair of pieces
+
+    # ---- Contact
+
+    def proximity(self, model: Any, data: Any) -> Proximity:
+        """The patch that approaches fastest; see :meth:`proximities`."""
+        return min(self.proximities(model, data), key=lambda near: near.rate)
+
+    def proximities(self, model: Any, data: Any) -> tuple[Proximity, ...]:
+        """All patches of contact at the state in ``data``, or the nearest points of the unions if these are apart."""
+        near = self.within(model, data, _QUERY_M)
+        pairs = [self.piece_pair(k) for gap, k in near if gap <= DISTANCE_QUERY_M]
+        alone = [(pair, pair.alone(model, data)) for pair in pairs]
+        touching = [(pair, one) for pair, one in alone if one.gap <= CONTACT_GAP_M]
+        if touching:
+            return self._patches(model, data, touching)
+        return (min((one for _, one in alone), key=lambda one: one.gap),) if alone else (self._nearest(model, data),)
+
+    def _nearest(self, model: Any, data: Any) -> Proximity:
+        """Proximity of the pieces that are nearest to each other, of unions that are apart."""
+        bounds, nearest, least = self._lower_bounds(data), 0, math.inf
+        for k in np.argsort(bounds, kind="stable").tolist():
+            if bounds[k] >= least:
+                break
+            gap = self.piece_pair(k).gap(model, data, DISTANCE_LIMIT_M)
+            nearest, least = (k, gap) if gap < least else (nearest, least)
+        return self.piece_pair(nearest).alone(model, data)
+
+    def at_pieces(self, model: Any, data: Any, pair: PiecePair, alone: Proximity) -> Proximity:
+        """Proximity of two pieces that touch, with the normals of the unions: the patch that approaches fastest."""
+        return min(self._patches(model, data, [(pair, alone)]), key=lambda near: near.rate)
+
+    def _patches(self, model: Any, data: Any, touching: Sequence[tuple[PiecePair, Proximity]]) -> tuple[UnionProximity, ...]:
+        """Patches of some pairs of pieces that touch."""
+        groups: list[_Group] = []
+        for pair, near in touching:
+            for point in near.points:
+                for normal in self._normals(model, data, pair, near, point):
+                    level = float(normal @ point)
+                    group = next((one for one in groups if one.has(normal, level)), None)
+                    if group is None:
+                        groups.append(group := _Group(normal, level, [], []))
+                    group.points.append(point)
+                    group.owners.append(pair)
+        return tuple(self._patch(model, data, group) for group in groups)
+
+    def _patch(self, model: Any, data: Any, group: _Group) -> UnionProximity:
+        """The patch of some points with one normal: corners of their hull, so that seams and covered edges leave none."""
+        normal, pieces = group.normal, tuple(dict.fromkeys(group.owners))
+        places = corners_across(np.array(group.points), normal)
+        points, owners = np.array(group.points)[places], tuple(group.owners[i] for i in places)
+        gap = min(separation(*pair.shapes(model, data), normal) for pair in pieces)
+        rates, tolerance = self._rates(data, normal, points)
+        rounding = gap_rounding(points)
+        turned = np.round(normal @ data.xmat[self.body_b].reshape(3, 3), 6) + 0.0
+        patch = " ".join(map("{:g}".format, turned.tolist()))
+        return UnionProximity(gap, normal, points, rates, tolerance, rounding, pieces, owners, patch)
+
+    def _normals(self, model: Any, data: Any, pair: PiecePair, near: Proximity, point: FloatArray) -> Sequence[FloatArray]:
+        """Normals that a contact at a point may have, of two pieces that touch there alone with one of their own."""
+        a, b = (self._there(side, model, data, point) for side in self.sides)
+        # Deeper overlaps have no common point of both surfaces: they are asked for to find when they began.
+        if near.gap < -CONTACT_GAP_M or (len(a) <= 1 and len(b) <= 1):
+            return [near.normal]
+        if pair.is_curved and (level := _levelled(pair, near.normal, a, b)) is not None:
+            return [level]
+        clauses = [separating_normals(one, other) for one in a.values() for other in b.values()]
+        # Surfaces that overlap by rounding have no normal that parts them: the other pieces there decide.
+        found = cells([clause for clause in clauses if len(clause)])
+        if not found or not len(found[0]):
+            return [near.normal]
+        there = point[None]
+        moves = self._velocity(data, self.body_b, self._root2, there) - self._velocity(data, self.body_a, self._root1, there)
+        return [*chosen_cell(found, moves[0], near.rate_tolerance, near.normal)]
+
+    def _there(self, side: Side, model: Any, data: Any, point: FloatArray) -> dict[Piece, FloatArray]:
+        """Pieces of a side that have a point on their surface, with the normals there."""
+        local = (point - data.xpos[side.body]) @ data.xmat[side.body].reshape(3, 3)
+        reached = np.linalg.norm(side.centres - local, axis=1) <= side.radii + _AT_POINT_M
+        there = {}
+        for k in np.flatnonzero(reached).tolist():
+            piece = side.pieces[k]
+            normals = Shape(model, data, piece.geom, piece.part).normals_at(point, _AT_POINT_M)
+            if normals is not None and len(normals):
+                there[piece] = normals
+        return there
+
+    def second_rate(self, model: Any, data: Any, near: Proximity, point: FloatArray) -> SecondRate:
+        """Second rate of the gap at one of the points of a patch; accelerations in ``data`` must be current."""
+        assert isinstance(near, UnionProximity)
+        nearest = min(range(len(near.points)), key=lambda i: math.dist(near.points[i], point))
+        return near.owners[nearest].second_rate(model, data, near, point)
+
+
+@dataclass
+class _Group:
+    """Points with one normal in one plane, each with its pair of pieces."""
+
+    normal: FloatArray
+    level: float
+    points: list[FloatArray]
+    owners: list[PiecePair]
+
+    def has(self, normal: FloatArray, level: float) -> bool:
+        """Whether a point with a normal, at a level along it in m, belongs to it."""
+        return math.dist(self.normal, normal) <= _ONE_NORMAL and abs(self.level - level) <= 10.0 * CONTACT_GAP_M
+
+
+def _levelled(
+    pair: PiecePair, normal: FloatArray, a: Mapping[Piece, FloatArray], b: Mapping[Piece, FloatArray]
+) -> FloatArray | None:
+    """The normal of the union that the normal of a round piece is off by rounding; None if it is off by more.
+
+    A sphere that has sunk by rounding meets the edge of the next box before its face, with a normal that is tilted by
+    sqrt(2 depth / radius). The normals of a union are the intersection of those of its pieces: there is only the face.
+    """
+    cone: FloatArray | None = None
+    for sense, pieces in ((1.0, a), (-1.0, b)):
+        for piece, normals in pieces.items():
+            if piece.is_curved and piece in pair.pieces:
+                continue
+            cone = sense * normals if cone is None else intersection(cone, sense * normals)
+    if cone is None or not len(cone):
+        return None
+    level = nearest_in_cone(cone, normal)
+    radius = min(piece.radius for piece in pair.pieces if piece.is_curved)
+    return level if math.dist(level, normal) <= math.sqrt(2.0 * _AT_POINT_M / radius) else None

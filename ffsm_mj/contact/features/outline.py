@@ -16,7 +16,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.features.body_motion import Body, Vector, cross, dot, minus, shifted, unit
 from ffsm_mj.contact.features.cores import Circle, Core, Curve, Ellipsoid, Face, Line, Point
-from ffsm_mj.contact.shape import Shape, lies_flat, position_tolerance
+from ffsm_mj.contact.shape import Part, Shape, lies_flat
 from ffsm_mj.dynamics.rigid_body import cross as cross_product
 from ffsm_mj.hull import hull
 from ffsm_mj.tolerances import CONTACT_GAP_M, MERGED_M, PARALLEL, STRAIGHT
@@ -33,7 +33,16 @@ class Outline:
     position_tolerance = 0.0
     flat = False
 
-    def __init__(self, model: Any, data: Any, geom: int, outward: FloatArray, tolerance: float) -> None:  # noqa: ARG002
+    def __init__(
+        self,
+        model: Any,
+        data: Any,
+        geom: int,
+        outward: FloatArray,
+        tolerance: float,  # noqa: ARG002
+        body: Body | None = None,
+        part: Part | None = None,
+    ) -> None:
         """Find the features.
 
         Args:
@@ -42,8 +51,10 @@ class Outline:
             geom: Id of the geom.
             outward: Unit vector out of the geom, world axes, (3,).
             tolerance: Tolerance to which points of both geoms are known, m.
+            body: Body in whose axes the cores are; None: that of the geom.
+            part: Part of the geom that is meant; None: the whole geom.
         """
-        self._body = Body(model, int(model.geom_bodyid[geom]))
+        self._body, self._part = body or Body(model, int(model.geom_bodyid[geom])), part
         self._motion = self._body.motion(data)
         self._rotation: FloatArray = data.geom_xmat[geom].reshape(3, 3)
         self._position: FloatArray = data.geom_xpos[geom]
@@ -108,9 +119,9 @@ class PlaneOutline(Outline):
 
     flat = True
 
-    def __init__(self, model: Any, data: Any, geom: int, outward: FloatArray, tolerance: float) -> None:
+    def __init__(self, model: Any, data: Any, geom: int, outward: FloatArray, tolerance: float, *at: Any) -> None:
         """Find the face; see :class:`Outline`."""
-        super().__init__(model, data, geom, outward, tolerance)
+        super().__init__(model, data, geom, outward, tolerance, *at)
         self._normal: FloatArray = self._rotation[:, 2]
 
     def corners(self) -> list[Core]:
@@ -137,14 +148,24 @@ _NAMES = {_SPHERE: "sphere", _CAPSULE: "end"}
 class PolytopeOutline(Outline):
     """Outline of a polytope with a radius around it."""
 
-    def __init__(self, model: Any, data: Any, geom: int, outward: FloatArray, tolerance: float) -> None:
+    def __init__(
+        self,
+        model: Any,
+        data: Any,
+        geom: int,
+        outward: FloatArray,
+        tolerance: float,
+        body: Body | None = None,
+        part: Part | None = None,
+    ) -> None:
         """Find the features; see :class:`Outline`."""
-        super().__init__(model, data, geom, outward, tolerance)
-        self._model, self._geom, self._kind = model, geom, int(model.geom_type[geom])
+        super().__init__(model, data, geom, outward, tolerance, body, part)
+        self._model, self._geom, self._kind = model, geom, int(model.geom_type[geom]) if part is None else -1
         self._name = _NAMES.get(self._kind, "vertex")
         self._radius = self._size[0] if self._kind in _NAMES else 0.0
-        self.position_tolerance = position_tolerance(model, geom)
-        level = Shape(model, data, geom).extreme(outward, PARALLEL) - self._radius * outward
+        shape = Shape(model, data, geom, part)
+        self.position_tolerance = shape.position_tolerance
+        level = shape.extreme(outward, PARALLEL) - self._radius * outward
         self._corners = self._ordered(level)
         self.flat = len(self._corners) > 2
         # Facets of a mesh that are level within its precision are one face, with a fitted plane: edges and corners around it
@@ -197,6 +218,9 @@ class PolytopeOutline(Outline):
         """Normal of the face: for a box its axis, for a mesh the normal of the plane fitted to the corners."""
         if self._kind == _BOX:
             axis = self._rotation[:, int(np.argmax(np.abs(self._outward @ self._rotation)))]
+        elif self._part is not None:
+            normals = self._part.polytope.normals @ np.array(self._motion.axes).reshape(3, 3).T
+            axis = normals[int(np.argmax(normals @ self._outward))]
         else:
             axis = np.linalg.svd(self._corners - self._corners.mean(axis=0))[2][2]
         return np.asarray(axis if axis @ self._outward > 0.0 else -axis)
@@ -247,6 +271,9 @@ class PolytopeOutline(Outline):
     def _all(self) -> FloatArray:
         """All points of the polytope (for a capsule both ends of its axis) in the world, (n, 3)."""
         model, size = self._model, self._size
+        if self._part is not None:
+            axes: FloatArray = np.array(self._motion.axes).reshape(3, 3)
+            return np.asarray(self._motion.origin + self._part.polytope.vertices @ axes.T)
         if self._kind == _BOX:
             local = _SIGNS * size
         elif self._kind == _CAPSULE:
@@ -276,9 +303,9 @@ class EllipsoidOutline(Outline):
 class CylinderOutline(Outline):
     """Outline of a cylinder: its side, a cap, or the rim between them."""
 
-    def __init__(self, model: Any, data: Any, geom: int, outward: FloatArray, tolerance: float) -> None:
+    def __init__(self, model: Any, data: Any, geom: int, outward: FloatArray, tolerance: float, *at: Any) -> None:
         """Find the features; see :class:`Outline`."""
-        super().__init__(model, data, geom, outward, tolerance)
+        super().__init__(model, data, geom, outward, tolerance, *at)
         axis: FloatArray = self._rotation[:, 2]
         up = float(outward @ axis)
         across = outward - up * axis

@@ -29,8 +29,9 @@ from ffsm_mj.contact.features.round_gaps import EllipsoidOnEllipsoid, OnEllipsoi
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.patch import flush_offset, lie_along
 from ffsm_mj.contact.proximity import Proximity
+from ffsm_mj.contact.union_pair import UnionPair, UnionProximity
 from ffsm_mj.state import StateError
-from ffsm_mj.tolerances import CONTACT_GAP_M, FEATURE_BOUND_M, PARALLEL
+from ffsm_mj.tolerances import CONTACT_GAP_M, FEATURE_BOUND_M, PARALLEL, SAME_POINT_M
 
 _OUTLINES: dict[int, type[Outline]] = {
     int(mujoco.mjtGeom.mjGEOM_CYLINDER): CylinderOutline,
@@ -57,17 +58,47 @@ def features(pair: ContactPair, model: Any, data: Any, near: Proximity) -> tuple
         outside their bounds. A face on a face has several; there are none if only vertices or edges meet vertices or
         parallel edges.
     """
-    search = _search(pair, model, data, near)
-    # The highest-dimensional contact wins: corners of a face on a face would otherwise be found again as edge contacts.
-    return tuple(search.on_faces() or search.between_lines() or search.on_lines() or search.between_corners())
+    if isinstance(near, UnionProximity):
+        return _of_patch(near, model, data)
+    return tuple(_search(pair, model, data, near).all())
 
 
-def _search(pair: ContactPair, model: Any, data: Any, near: Proximity) -> _Search:
+def _search(
+    pair: ContactPair, model: Any, data: Any, near: Proximity, bodies: tuple[Body | None, Body | None] = (None, None)
+) -> _Search:
     a, b = (
-        _OUTLINES.get(int(model.geom_type[geom]), PolytopeOutline)(model, data, geom, outward, pair.position_tolerance)
-        for geom, outward in zip(pair.ids, (near.normal, -near.normal), strict=True)
+        (_OUTLINES.get(int(model.geom_type[geom]), PolytopeOutline) if part is None else PolytopeOutline)(
+            model, data, geom, outward, pair.position_tolerance, body, part
+        )
+        for geom, part, body, outward in zip(pair.ids, pair.parts, bodies, (near.normal, -near.normal), strict=True)
     )
     return _Search(a, b, data, near)
+
+
+def _of_patch(near: UnionProximity, model: Any, data: Any) -> tuple[Feature, ...]:
+    """Features at the points of a patch of two unions: those of its pairs of pieces, on the faces and edges of the unions."""
+    union = near.pieces[0].union
+    a, b = bodies = Body(model, union.sides[0].body), Body(model, union.sides[1].body)
+    found: list[tuple[GapFunction, FeatureState]] = []
+    for on_face in (True, False):
+        for pair in near.pieces:
+            search = _search(pair, model, data, near, bodies)
+            for feature in search.on_faces() if on_face else search.all():
+                united = _united(feature, union)
+                state = united.at(data)
+                # Points of seams are no corners of the patch, and a corner over a seam is found by both pieces.
+                at_corner = any(math.dist(state.point, point) <= SAME_POINT_M for point in near.points)
+                if at_corner and all(math.dist(state.point, other.point) > FEATURE_BOUND_M for _, other in found):
+                    found.append((united, state))
+        # The highest-dimensional contact wins, as between two geoms.
+        if found:
+            break
+    return tuple(feature for feature, _ in found)
+
+
+def _united(feature: GapFunction, union: UnionPair) -> GapFunction:
+    """A feature of two pieces with the face of the union in place of that of a piece."""
+    return feature
 
 
 def features_at_rest(
@@ -90,6 +121,11 @@ class _Search:
         self._position_tolerance = a.position_tolerance + b.position_tolerance
         x, y, z = near.normal.tolist()
         self._normal: Vector = (x, y, z)
+
+    def all(self) -> list[GapFunction]:
+        """All features of the contact."""
+        # The highest-dimensional contact wins: corners of a face on a face would otherwise be found again as edge contacts.
+        return self.on_faces() or self.between_lines() or self.on_lines() or self.between_corners()
 
     def on_faces(self) -> list[GapFunction]:
         """Corners on faces, and crossings of edges over faces, without duplicates."""
