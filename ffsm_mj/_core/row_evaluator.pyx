@@ -59,13 +59,13 @@ cdef class RowEvaluator:
         self.m, self.d = <const mjModel*>address(model), <mjData*>address(motion.data)
         self.k, self.nv, self.groups = len(contact_points), model.nv, []
         bodies, pairs, runs = {}, {}, point_runs(contact_points)
-        groups_of_pairs = Counter(contact_points[places.start].pair for places in runs)
+        groups_of_patches = Counter(contact_points[places.start].flat_on for places in runs)
         # Three points of a flat patch hold both bodies parallel: with one normal for all, second rates are affine in the
         # place (contact_points.py).
-        patches = {pair for pair in flat if groups_of_pairs[pair] > 1}
+        patches = {patch for patch in flat if groups_of_patches[patch] > 1}
         for places in runs:
             alike, pair, group = contact_points[places], contact_points[places.start].pair, Group()
-            in_patch, both = pair in patches, (motion.bodies[pair.body_b], motion.bodies[pair.body_a])
+            in_patch, both = contact_points[places.start].flat_on in patches, (motion.bodies[pair.body_b], motion.bodies[pair.body_a])
             features = [contact.feature for contact in alike]
             if len(alike) > 1 or (isinstance(features[0], PointOnFace) and not in_patch):
                 group.on_face = FaceGroup(features, data, in_patch=in_patch)

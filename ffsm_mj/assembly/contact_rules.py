@@ -15,6 +15,8 @@ import numpy.typing as npt
 from ffsm_mj.contact.broad_phase import BroadPhase
 from ffsm_mj.contact.motion_bound import speeds_per_root_energy
 from ffsm_mj.contact.pairs import ContactPair, shape_fault
+from ffsm_mj.contact.sides import Sides
+from ffsm_mj.contact.union_pair import UnionPair
 from ffsm_mj.contact.watch import Matrix, collidable
 from ffsm_mj.errors import Faults, unknown_name
 from ffsm_mj.model.system import System
@@ -179,7 +181,7 @@ def resolve_contacts(config: ContactsConfig, system: System) -> Contacts:
     rules = _winners(stated, ignored)
     if is_default:
         rules = tuple(rule for rule in rules if rule.geoms)
-    pairs, unsupported = _pairs(rules, system)
+    pairs, unsupported = _pairs(rules, system, config.weld_m)
     _refuse_ineffective(rules, pairs)
     filtered, behind_filters = _filtered(system, selector, can, pairs, ignored)
     for rule in rules:
@@ -197,7 +199,7 @@ def _filtered(
 
     A satellite whose file switches the contacts of its own parts off would otherwise fly through another one unseen.
     """
-    ruled = [{int(selector.part[geom]) for geom in pair.geom_ids} for pair in pairs]
+    ruled = [{int(selector.part[geom]) for geom in pair.ids} for pair in pairs]
     shielding, behind = [], np.zeros_like(can)
     for (i, a), (k, b) in combinations(enumerate(system.models), 2):
         between = np.ix_(selector.part == i, selector.part == k)
@@ -328,8 +330,12 @@ def _winners(stated: Sequence[_Stated], ignored: Matrix) -> tuple[ContactRule, .
     return tuple(reversed(rules))
 
 
-def _pairs(rules: Sequence[ContactRule], system: System) -> tuple[tuple[ContactPair, ...], dict[frozenset[int], str]]:
+def _pairs(
+    rules: Sequence[ContactRule], system: System, weld_m: float
+) -> tuple[tuple[ContactPair, ...], dict[frozenset[int], str]]:
     """Pairs of all rules, and those that the shape of a geom rules out.
+
+    Geoms of rigid bodies with several pieces that touch each other are one pair for each two bodies.
 
     Raises:
         ScenarioFaults: A pair that a rule names by its two geoms cannot meet, or has no exact distance.
@@ -337,17 +343,42 @@ def _pairs(rules: Sequence[ContactRule], system: System) -> tuple[tuple[ContactP
     names = short_names(geom_names(system))
     pairs: list[ContactPair] = []
     unsupported: dict[frozenset[int], str] = {}
+    sides = Sides(system, {geom for rule in rules for pair in rule.geoms for geom in pair}, weld_m)
     with Faults() as faults:
         for i, rule in enumerate(rules):
+            united: dict[tuple[int, int], list[tuple[int, int]]] = {}
             for a, b in rule.geoms:
                 fault = shape_fault(system, a) or shape_fault(system, b)
                 if fault and rule.matched > 1:
                     unsupported[frozenset((a, b))] = fault
                     continue
+                if not fault and (sides.is_union(a) or sides.is_union(b)):
+                    united.setdefault((sides.body_of(a), sides.body_of(b)), []).append((a, b))
+                    continue
                 name = rule.name if rule.matched == 1 else f"{names[a]}-{names[b]}"
                 with faults.below(*_RULES, i, "between"):
                     pairs.append(ContactPair(system, name, a, b, rule.restitution, rule.mu, rule=rule.name))
+            for geoms in united.values():
+                with faults.below(*_RULES, i, "between"):
+                    pairs.append(_union_pair(system, sides, rule, geoms, names))
     return tuple(pairs), unsupported
+
+
+def _union_pair(
+    system: System, sides: Sides, rule: ContactRule, geoms: Sequence[tuple[int, int]], names: Sequence[str]
+) -> UnionPair:
+    """The pair of the rigid bodies of some geoms."""
+    first, second = (sorted({pair[k] for pair in geoms}) for k in (0, 1))
+    a, b = (names[some[0]] if len(some) == 1 else _body_name(system, sides.body_of(some[0])) for some in (first, second))
+    name = rule.name if rule.matched == len(geoms) else f"{a}-{b}"
+    both = sides.of(first[0]), sides.of(second[0])
+    return UnionPair(system, name, both, geoms, rule.restitution, rule.mu, rule.name)
+
+
+def _body_name(system: System, body: int) -> str:
+    """Name of a rigid body without the prefix of its model, or that of the model for its base."""
+    model, _, name = str(system.mj.body(body).name).partition("/")
+    return name or model
 
 
 def _refuse_ineffective(rules: Sequence[ContactRule], pairs: Sequence[ContactPair]) -> None:
@@ -387,7 +418,7 @@ def refuse_undetectable(system: System, data: Any, contacts: Contacts) -> None:
 
 
 def _unbounded(system: System, data: Any, contacts: Contacts) -> Iterator[tuple[ContactPair, str]]:
-    speeds = speeds_per_root_energy(system.mj, data, [pair.ids for pair in contacts.pairs])
+    speeds = speeds_per_root_energy(system.mj, data, contacts.pairs)
     for pair, speed in zip(contacts.pairs, speeds.tolist(), strict=True):
         if math.isinf(speed):
             message = f"a moment of inertia of {pair.geom_a} or {pair.geom_b} is less than rounding of the others"

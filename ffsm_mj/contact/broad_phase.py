@@ -48,7 +48,8 @@ class BroadPhase:
         self._senses = np.where(on_a, -1.0, 1.0)[self._over]
         self._coordinates = LimitCoordinates(limits)
         self._signs, self._limits = np.array([(limit.sign, limit.limit) for limit in limits]).reshape(-1, 2).T
-        self.radii: FloatArray = np.concatenate((model.geom_rbound[ids].sum(axis=1), np.full(len(limits), -np.inf)))
+        spheres = np.array([sum(pair.radii) for pair in geoms])
+        self.radii: FloatArray = np.concatenate((spheres, np.full(len(limits), -np.inf)))
 
     def gaps(self, data: Any) -> FloatArray:
         """Distances between the spheres and from the limits at the state in ``data``, m or rad, (n,): no gap is smaller."""

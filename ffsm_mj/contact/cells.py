@@ -7,8 +7,8 @@ A motion w of b relative to a overlaps a pair of pieces only if n . w < 0 for al
     for every pair of pieces that touch at x, some n in S has n . w >= 0.
 
 Expanded into a disjunction, each term is a cell: a set of normals that all must not approach. A term that another one
-contains is no cell of its own, and with it the normals of covered faces vanish: over the seam of two coplanar boxes the pairs
-say {z} and {z or x}, and the only cell is {z}. In a concave corner both normals are in one cell.
+contains is no cell of its own, and with it the normals of covered faces vanish: over the seam of two coplanar boxes the
+pairs say {z} and {z or x}, and the only cell is {z}. In a concave corner both normals are in one cell.
 
 Reference: M. Anitescu and F. Potra state the frictional problem for convex pairs only; the polar of a union is the
 intersection of the polars (Rockafellar, *Convex Analysis*, sec. 16).
@@ -117,7 +117,7 @@ def _absorbed(terms: object) -> list[FloatArray]:
 
 def _is_solid(term: FloatArray) -> bool:
     """Whether some motion opens all normals of a term at once: opposite normals leave a plane of motions, no cell."""
-    # 0 is in the convex hull of the normals if and only if no motion opens all: the least norm of their means is its distance.
+    # 0 is in the convex hull of the normals if and only if no motion opens all: the least norm of means is its distance.
     weighted = np.vstack((term.T, np.ones(len(term))))
     shares, _ = nnls(weighted, np.array((0.0, 0.0, 0.0, 1.0)))
     total = float(shares.sum())

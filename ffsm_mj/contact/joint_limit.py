@@ -58,6 +58,7 @@ class JointLimit:
         body_a: Id of the body that the joint is mounted on.
         body_b: Id of the body that it moves.
         geom_ids: Empty: no geoms touch.
+        geom_pairs: None, either.
         position_tolerance: Zero: the gap is exact.
         size: Travel in rad or m over which the gap has at most one extremum.
         moves: Whether its row depends on the configuration: that of a joint does not.
@@ -70,6 +71,7 @@ class JointLimit:
     mu = 0.0
     moves = False
     geom_ids: frozenset[int] = frozenset()
+    geom_pairs: tuple[frozenset[int], ...] = ()
     position_tolerance = 0.0
 
     def __init__(self, model: Any, joint: int, side: Side, restitution: float) -> None:
@@ -145,6 +147,14 @@ class JointLimit:
             rounding=EPSILON * (abs(value) + abs(self.limit)) + EPSILON,
         )
         return self.at_velocities(data, near)
+
+    def proximities(self, model: Any, data: Any) -> tuple[Proximity, ...]:
+        """The same as :meth:`proximity`; as of pairs that may have several patches."""
+        return (self.proximity(model, data),)
+
+    def watched_gap(self, model: Any, data: Any, limit: float) -> float:
+        """The same as :meth:`gap`."""
+        return self.gap(model, data, limit)
 
     def at_velocities(self, data: Any, near: Proximity) -> Proximity:
         """The proximity with the gap rate of the velocities in ``data``, after these changed at one instant."""

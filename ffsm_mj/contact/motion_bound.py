@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import mujoco
 import numpy as np
@@ -62,7 +62,21 @@ class MotionBound:
         return _MARGIN * (math.dist(v1, v2) + w1 * radius_1 + w2 * radius_2)
 
 
-def speeds_per_root_energy(model: Any, data: Any, geoms: Sequence[tuple[int, int]]) -> FloatArray:
+class Sized(Protocol):
+    """A pair of bodies whose bounding spheres are about the centres of two geoms."""
+
+    @property
+    def ids(self) -> tuple[int, int]:
+        """Ids of both geoms."""
+        ...
+
+    @property
+    def radii(self) -> tuple[float, float]:
+        """Radii of the spheres around them that contain all that can touch, m."""
+        ...
+
+
+def speeds_per_root_energy(model: Any, data: Any, pairs: Sequence[Sized]) -> FloatArray:
     """Bounds on closing speeds over sqrt(2 T) in any configuration, with the kinetic energy T of the system, (n,), kg^-1/2.
 
     A rigid group of mass m and least moment of inertia I has |v| <= sqrt(2 T / m) and |w| <= sqrt(2 T / I), and each point
@@ -73,13 +87,13 @@ def speeds_per_root_energy(model: Any, data: Any, geoms: Sequence[tuple[int, int
     Args:
         model: MuJoCo model.
         data: Its data, kinematics current.
-        geoms: Ids of the geoms of each pair.
+        pairs: The pairs.
     """
-    ids = np.array(geoms, dtype=np.intp).reshape(-1, 2)
-    speeds = np.zeros(model.ngeom)
-    for geom in set(ids.ravel().tolist()):
-        speeds[geom] = _speed_per_root_energy(model, data, geom)
-    return np.asarray(np.hypot(*speeds[ids].T))
+    known: dict[tuple[int, float], float] = {}
+    for sphere in {sphere for pair in pairs for sphere in zip(pair.ids, pair.radii, strict=True)}:
+        known[sphere] = _speed_per_root_energy(model, data, *sphere)
+    speeds = [[known[sphere] for sphere in zip(pair.ids, pair.radii, strict=True)] for pair in pairs]
+    return np.asarray(np.hypot(*np.array(speeds).reshape(-1, 2).T))
 
 
 def _centre_motion(data: Any, body: int, root: int, geom: int) -> tuple[tuple[float, float, float], float]:
@@ -91,12 +105,12 @@ def _centre_motion(data: Any, body: int, root: int, geom: int) -> tuple[tuple[fl
     return velocity, math.sqrt(wx * wx + wy * wy + wz * wz)
 
 
-def _speed_per_root_energy(model: Any, data: Any, geom: int) -> float:
+def _speed_per_root_energy(model: Any, data: Any, geom: int, radius: float) -> float:
     """Largest speed of a geom's points over sqrt(2 T); infinite if rounding decides the least moment of inertia."""
     mass, centre, inertia = _group(model, data, int(model.geom_bodyid[geom]))
     if inertia is None:
         return 0.0  # welded to the world
-    arm = float(np.linalg.norm(data.geom_xpos[geom] - centre)) + float(model.geom_rbound[geom])
+    arm = float(np.linalg.norm(data.geom_xpos[geom] - centre)) + radius
     least, _, greatest = np.linalg.eigvalsh(inertia).tolist()
     return 1.0 / math.sqrt(mass) + arm / math.sqrt(least) if least > _INERTIA_ROUNDING * greatest else math.inf
 
@@ -115,16 +129,16 @@ class TravelBound:
         slides: Degrees of freedom of slide joints that lengthen a lever arm, (k,).
     """
 
-    def __init__(self, model: Any, qpos: FloatArray, geoms: Sequence[tuple[int, int]]) -> None:
+    def __init__(self, model: Any, qpos: FloatArray, pairs: Sequence[Sized]) -> None:
         """Compute the bounds.
 
         Args:
             model: MuJoCo model.
             qpos: Configuration from which displacements of slide joints are measured.
-            geoms: Ids of the geoms of each pair.
+            pairs: The pairs.
         """
         self._model = model
-        ids = np.array(geoms, dtype=np.intp).reshape(-1, 2)
+        ids = np.array([pair.ids for pair in pairs], dtype=np.intp).reshape(-1, 2)
         chains = [_chain(model, int(body)) for body in range(model.nbody)]
         used = sorted({int(model.geom_bodyid[g]) for g in ids.ravel()})
         levers = {joint for body in used for joint in _lengthening(model, chains[body])}
@@ -133,10 +147,12 @@ class TravelBound:
         self._lengths = np.zeros(model.njnt)
         slides = np.flatnonzero(model.jnt_type == _SLIDE)
         self._lengths[slides] = np.abs(qpos[model.jnt_qposadr[slides]]) + _SLIDE_ALLOWANCE_M
-        arms = np.zeros((model.ngeom, model.nv))
-        for geom in set(ids.ravel().tolist()):
-            self._add_arms(arms[geom], geom, chains[int(model.geom_bodyid[geom])])
-        first, second = arms[ids[:, 0]], arms[ids[:, 1]]
+        arms = {sphere: np.zeros(model.nv) for pair in pairs for sphere in zip(pair.ids, pair.radii, strict=True)}
+        for (geom, radius), row in arms.items():
+            self._add_arms(row, geom, radius, chains[int(model.geom_bodyid[geom])])
+        first, second = (
+            np.array([arms[pair.ids[k], pair.radii[k]] for pair in pairs]).reshape(-1, model.nv) for k in (0, 1)
+        )
         # A degree of freedom that moves both geoms moves them as one rigid body: it does not change their distance.
         self.rows: FloatArray = np.where((first > 0.0) & (second > 0.0), 0.0, first + second)
 
@@ -144,10 +160,10 @@ class TravelBound:
         """Displacement of each slide joint of ``slides`` for which the bounds still hold, m, (k,)."""
         return np.asarray(self._lengths[self._joints] - np.abs(qpos[self._model.jnt_qposadr[self._joints]]))
 
-    def _add_arms(self, arms: FloatArray, geom: int, chain: Sequence[int]) -> None:
-        """Set the lever arms of one geom, walking from its body to the root."""
+    def _add_arms(self, arms: FloatArray, geom: int, radius: float, chain: Sequence[int]) -> None:
+        """Set the lever arms of a sphere around a geom, walking from its body to the root."""
         model = self._model
-        length = float(np.linalg.norm(model.geom_pos[geom]) + model.geom_rbound[geom])
+        length = float(np.linalg.norm(model.geom_pos[geom]) + radius)
         for body in reversed(chain):
             first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
             for joint in reversed(range(first, first + count)):

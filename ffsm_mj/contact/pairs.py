@@ -148,6 +148,7 @@ class ContactPair(Stateful):
         self._root1, self._root2 = int(model.body_rootid[self.body_a]), int(model.body_rootid[self.body_b])
         radius = side_radius(model, self._g1) + side_radius(model, self._g2)
         self.flush_offset, self.flush_angle = flush_offset(radius), flush_offset(radius) / radius if radius > 0.0 else 0.0
+        self._radii = float(model.geom_rbound[self._g1]), float(model.geom_rbound[self._g2])
         self._bound = MotionBound(model, self.ids)
         self._search = self._normal_search()
 
@@ -186,6 +187,11 @@ class ContactPair(Stateful):
         return f"{self.geom_a} - {self.geom_b}"
 
     @property
+    def radii(self) -> tuple[float, float]:
+        """Radii of the spheres around the centres of both geoms that contain all that can touch, m."""
+        return self._radii
+
+    @property
     def geom_pairs(self) -> tuple[frozenset[int], ...]:
         """Ids of both geoms of every two geoms that can touch: one here, several between unions."""
         return (self.geom_ids,)
@@ -197,6 +203,10 @@ class ContactPair(Stateful):
     def gap(self, model: Any, data: Any, limit: float = FAR_M) -> float:
         """Signed distance in m from a distance query, negative when overlapping; ``limit`` if it is larger."""
         return self._search.distance(model, data, limit)
+
+    def watched_gap(self, model: Any, data: Any, limit: float) -> float:
+        """The gap of what event location has to follow: all of it; see :meth:`gap`."""
+        return self.gap(model, data, limit)
 
     def gap_to_rounding(self, model: Any, data: Any, gap: float) -> float:
         """The gap at the state in ``data``, to rounding.

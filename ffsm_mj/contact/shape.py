@@ -17,8 +17,8 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.polytope import Polytope
 from ffsm_mj.hull import hull
+from ffsm_mj.polytope import Polytope
 from ffsm_mj.tolerances import CONTACT_GAP_M, MERGED_M, MESH_PRECISION, PARALLEL, STRAIGHT
 
 _ON_AXIS = 1e-9

@@ -15,6 +15,8 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.features.body_motion import Vector
+from ffsm_mj.contact.patch import corners_across
 from ffsm_mj.contact.shape import Part
 from ffsm_mj.model.system import System
 from ffsm_mj.polytope import Polytope, box, hull_of
@@ -81,6 +83,25 @@ class Side:
     def most_vertices(self) -> int:
         """Largest number of vertices of a part; 0 without parts."""
         return max((len(piece.part.polytope.vertices) for piece in self.pieces if piece.part is not None), default=0)
+
+    def outline(self, normal: Sequence[float], level: float) -> tuple[tuple[Vector, float], ...]:
+        """Sides of the face of the union in a plane, axes of the body; see :class:`.features.cores.Face`."""
+        corners = [
+            piece.polytope.vertices[list(face)]
+            for piece in self.pieces
+            if piece.polytope is not None
+            for face, n, d in zip(piece.polytope.faces, piece.polytope.normals, piece.polytope.offsets, strict=True)
+            if n @ normal > 1.0 - 1e-12 and abs(d - level) <= 1e-9
+        ]
+        points = np.vstack(corners)
+        points = points[corners_across(points, np.array(normal))]
+        out = []
+        for start, end in zip(points, np.roll(points, -1, axis=0), strict=True):
+            inwards = np.cross(normal, end - start)
+            inwards /= np.linalg.norm(inwards)
+            x, y, z = inwards.tolist()
+            out.append(((x, y, z), float(inwards @ start)))
+        return tuple(out)
 
     def radius_about(self, geom: int) -> float:
         """Radius of the sphere around the middle of a geom that contains all pieces, m."""

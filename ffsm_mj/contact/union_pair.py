@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import mujoco
@@ -30,7 +30,7 @@ from ffsm_mj.contact.proximity import FAR_M, Proximity, SecondRate
 from ffsm_mj.contact.shape import Shape
 from ffsm_mj.contact.sides import Piece, Side
 from ffsm_mj.model.system import System
-from ffsm_mj.tolerances import CONTACT_GAP_M, DISTANCE_QUERY_M
+from ffsm_mj.tolerances import CLOSED_RATE, CONTACT_GAP_M, DISTANCE_QUERY_M, RATE
 
 _AT_POINT_M = 2.0 * CONTACT_GAP_M
 """Pieces within this of a contact point meet there: the point is midway of a gap of CONTACT_GAP_M, on faces that the
@@ -109,6 +109,7 @@ class UnionPair(ContactPair):
         sides: The rigid bodies a and b.
         joined: Pairs of pieces that touch at the start of a step while persistent contact holds the pair: these are
             watched by their contact points, all others by their distance.
+        held: Patches that persistent contact holds.
     """
 
     def __init__(
@@ -141,8 +142,10 @@ class UnionPair(ContactPair):
         self._made: dict[int, PiecePair] = {}
         self._numbers = np.array([(a.number, b.number) for a, b in self._pieces]).T
         self._spheres: FloatArray = np.array([a.radius + b.radius for a, b in self._pieces])
-        self.radii = tuple(side.radius_about(geom) for side, geom in zip(sides, first, strict=True))
+        a, b = sides
+        self._radii = a.radius_about(first[0]), b.radius_about(first[1])
         self.joined: frozenset[int] = frozenset()
+        self.held: frozenset[str] = frozenset()
 
     @cached_property
     def probe(self) -> Probe:
@@ -193,6 +196,24 @@ class UnionPair(ContactPair):
                 least = min(least, self.piece_pair(k).gap(model, data, least))
         return least
 
+    def watched_gap(self, model: Any, data: Any, limit: float) -> float:
+        """The same without the pieces that are joined."""
+        return self.gap_without(self.joined, model, data, limit)
+
+    def apart_within(self, model: Any, data: Any, reach: float) -> list[PiecePair]:
+        """Pairs of pieces within a reach in m that are not joined."""
+        return [self.piece_pair(k) for _, k in self.within(model, data, reach, self.joined)]
+
+    def joined_pairs(self) -> list[PiecePair]:
+        """Pairs of pieces that are joined."""
+        return [self.piece_pair(k) for k in sorted(self.joined)]
+
+    def hold(self, patches: Collection[str]) -> None:
+        """Note the patches that persistent contact holds: while it holds none, nothing is joined."""
+        self.held = frozenset(patches)
+        if not self.held:
+            self.joined = frozenset()
+
     def join(self, model: Any, data: Any) -> None:
         """Take the pairs of pieces that touch at the state in ``data`` as joined."""
         near = self.within(model, data, _QUERY_M)
@@ -230,7 +251,12 @@ class UnionPair(ContactPair):
 
     def at_pieces(self, model: Any, data: Any, pair: PiecePair, alone: Proximity) -> Proximity:
         """Proximity of two pieces that touch, with the normals of the unions: the patch that approaches fastest."""
-        return min(self._patches(model, data, [(pair, alone)]), key=lambda near: near.rate)
+        # Gaps of a patch that is held drift by the truncation error of a step: that is no approach.
+        patches = [
+            replace(near, rate_tolerance=CLOSED_RATE / RATE * near.rate_tolerance) if near.patch in self.held else near
+            for near in self._patches(model, data, [(pair, alone)])
+        ]
+        return min(patches, key=lambda near: near.rate + near.rate_tolerance)
 
     def _patches(self, model: Any, data: Any, touching: Sequence[tuple[PiecePair, Proximity]]) -> tuple[UnionProximity, ...]:
         """Patches of some pairs of pieces that touch."""

@@ -97,6 +97,8 @@ class ContactsConfig(StrictModel):
     """Contacts that are resolved; all other overlaps are reported. Default: a rule for each pair of models; ``[]``: none."""
     ignored: tuple[IgnoredContactConfig, ...] = ()
     """Contacts that are neither resolved nor reported; they are taken out of every rule."""
+    weld_m: Annotated[float, Field(ge=0.0)] = 1e-9
+    """Faces of pieces of one rigid body that are coplanar within this are one face, m: their corners are moved onto it."""
 
     @field_validator("rules")
     @classmethod

@@ -14,10 +14,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 import mujoco
+import numpy as np
 
 from ffsm_mj.contact.features.body_motion import Body, Vector, cross, dot, minus, shifted
 from ffsm_mj.contact.features.cores import Circle, Core, Curve, Ellipsoid, Face, Line, Point
@@ -29,7 +30,8 @@ from ffsm_mj.contact.features.round_gaps import EllipsoidOnEllipsoid, OnEllipsoi
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.patch import flush_offset, lie_along
 from ffsm_mj.contact.proximity import Proximity
-from ffsm_mj.contact.union_pair import UnionPair, UnionProximity
+from ffsm_mj.contact.sides import Side
+from ffsm_mj.contact.union_pair import UnionProximity
 from ffsm_mj.state import StateError
 from ffsm_mj.tolerances import CONTACT_GAP_M, FEATURE_BOUND_M, PARALLEL, SAME_POINT_M
 
@@ -40,6 +42,8 @@ _OUTLINES: dict[int, type[Outline]] = {
 }
 _FIRST: tuple[type[Core], ...] = (Face, Ellipsoid, Circle, Line, Point)
 """The first of two cores is the one whose kind comes first here."""
+_PLACES = 7
+"""Decimals to which planes of one body agree if they are one."""
 _NAMES = ("sphere", "end", "side", "rim", "ellipsoid", "vertex", "edge", "cap", "face")
 """Names of two cores of one kind are given in this order."""
 
@@ -76,15 +80,16 @@ def _search(
 
 
 def _of_patch(near: UnionProximity, model: Any, data: Any) -> tuple[Feature, ...]:
-    """Features at the points of a patch of two unions: those of its pairs of pieces, on the faces and edges of the unions."""
-    union = near.pieces[0].union
-    a, b = bodies = Body(model, union.sides[0].body), Body(model, union.sides[1].body)
+    """Features at the points of a patch of two unions: those of its pieces, on the faces and edges of the unions."""
+    sides = near.pieces[0].union.sides
+    bodies = Body(model, sides[0].body), Body(model, sides[1].body)
     found: list[tuple[GapFunction, FeatureState]] = []
+    faces: dict[tuple[int, Vector, float], Face] = {}
     for on_face in (True, False):
         for pair in near.pieces:
             search = _search(pair, model, data, near, bodies)
             for feature in search.on_faces() if on_face else search.all():
-                united = _united(feature, union)
+                united = _united(feature, sides, faces)
                 state = united.at(data)
                 # Points of seams are no corners of the patch, and a corner over a seam is found by both pieces.
                 at_corner = any(math.dist(state.point, point) <= SAME_POINT_M for point in near.points)
@@ -96,9 +101,27 @@ def _of_patch(near: UnionProximity, model: Any, data: Any) -> tuple[Feature, ...
     return tuple(feature for feature, _ in found)
 
 
-def _united(feature: GapFunction, union: UnionPair) -> GapFunction:
-    """A feature of two pieces with the face of the union in place of that of a piece."""
-    return feature
+def _united(feature: GapFunction, sides: tuple[Side, Side], faces: dict[tuple[int, Vector, float], Face]) -> GapFunction:
+    """A feature of two pieces with the face of the union in place of that of a piece.
+
+    Args:
+        feature: The feature.
+        sides: The rigid bodies a and b.
+        faces: Faces of the unions so far, to which this is added: all points over one plane have one face, so that
+            crossing a seam changes no number.
+    """
+    kind, name, swapped, face, other, *rest = type(feature), *feature.arguments
+    if not isinstance(face, Face) or face.disc > 0.0 or not face.sides:
+        return feature
+    x, y, z = np.round(face.normal, _PLACES).tolist()
+    key = int(swapped), (x, y, z), round(dot(face.normal, face.centre), _PLACES)
+    if key not in faces:
+        outline = sides[1 if swapped else 0].outline(face.normal, dot(face.normal, face.centre))
+        faces[key] = replace(face, sides=outline)
+    arguments: tuple[Any, ...] = (name, swapped, faces[key], other, *rest)
+    united = kind(*arguments)
+    united.set_state(feature.get_state())
+    return united
 
 
 def features_at_rest(

@@ -125,7 +125,7 @@ def _rows(directions: FloatArray, jac_a: FloatArray, jac_b: FloatArray) -> Float
 
 
 ClosedPairs = Sequence[tuple[UnilateralConstraint, Proximity]]
-"""Pairs in contact and joints at a limit at one instant, each with its proximity."""
+"""Pairs in contact and joints at a limit at one instant, each with its proximity; unions may have several patches."""
 
 
 def contact_points(closed: ClosedPairs) -> list[tuple[UnilateralConstraint, Proximity, FloatArray]]:
@@ -138,7 +138,7 @@ def closed_pairs(broad_phase: BroadPhase, scene: Scene, motion: Motion) -> Close
     model, data, pairs = scene.system.mj, scene.data, broad_phase.pairs
     # Geoms that a rigid grasp joins stay where they are to each other: their row would be zero, and no impulse acts.
     close = [pairs[i] for i in broad_phase.near(data) if pairs[i].geom_ids not in motion.disabled]
-    near = [(pair, pair.proximity(model, data)) for pair in close]
+    near = [(pair, patch) for pair in close for patch in pair.proximities(model, data)]
     # Roots of pairs that meet at one time differ by rounding. Taken one after the other, the result would depend on their
     # order, and a symmetric scene would break its symmetry.
     return [(pair, proximity) for pair, proximity in near if proximity.gap <= CONTACT_GAP_M]

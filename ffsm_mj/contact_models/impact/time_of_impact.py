@@ -26,7 +26,7 @@ of an earlier contact, not a touch: a pair that starts in contact must first lea
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,6 +43,7 @@ from ffsm_mj.contact.motion_bound import TravelBound, speeds_per_root_energy
 from ffsm_mj.contact.normal import DISTANCE_LIMIT_M
 from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint, by_kind
 from ffsm_mj.contact.proximity import Proximity
+from ffsm_mj.contact.union_pair import PiecePair, UnionPair
 from ffsm_mj.contact_models.impact.columns import DeepestOverlap
 from ffsm_mj.contact_models.impact.resolution import ClosedPairs, PersistentContacts, closed_pairs
 from ffsm_mj.contact_models.interface import EventSource, Replayable, Scene
@@ -65,20 +66,23 @@ class Clearances:
         energy_reach: Motion bound (``motion_bound`` of :class:`~ffsm_mj._core.steppers.FreeStepper`) below which no
             pair can be near contact.
         travel: Motion of the coordinates, within whose reach none can be either.
+        last: Largest closing of each pair in the last step, m, (n,).
     """
+
+    last: FloatArray
 
     def __init__(self, scene: Scene, pairs: Sequence[ContactPair]) -> None:
         """Bind to the state of a scene; :meth:`restart` must follow."""
         self._model, self._data, self._pairs = scene.system.mj, scene.data, pairs
         self._spheres = BroadPhase(self._model, pairs)
-        self._per_root_energy = speeds_per_root_energy(self._model, self._data, [pair.ids for pair in pairs])
+        self._per_root_energy = speeds_per_root_energy(self._model, self._data, pairs)
         self._clearance, self._skipped = np.zeros(len(pairs)), np.zeros(len(pairs), dtype=bool)
         self.travel, self._start, self.energy_reach = Travel(self._data.qvel), 0.0, 0.0
         self._bind_travel()
 
     def _bind_travel(self) -> None:
         """Compute the bounds by joints for the present displacements of slide joints."""
-        self._by_joints = TravelBound(self._model, self._data.qpos, [pair.ids for pair in self._pairs])
+        self._by_joints = TravelBound(self._model, self._data.qpos, self._pairs)
         rows = np.concatenate((self._by_joints.rows, np.eye(self._model.nv)[self._by_joints.slides]))
         # One number accumulates the largest weighted motion of all degrees of freedom, instead of a sum for each pair.
         self._weights = rows.max(axis=0, initial=0.0)
@@ -110,8 +114,8 @@ class Clearances:
         rows, parts = self._by_joints.rows, (stepper.motion_bound - self._start, stepper.last_increment)
         moved = zip((self.travel.travelled, self.travel.last), map(self._by_energy, parts), strict=True)
         # Both bounds hold: the smaller one counts for each pair.
-        closed, last = (np.minimum(rows @ by_rates, by_energy) for by_rates, by_energy in moved)
-        return self._exhausted(closed, last, stepper.motion_bound)
+        closed, self.last = (np.minimum(rows @ by_rates, by_energy) for by_rates, by_energy in moved)
+        return self._exhausted(closed, self.last, stepper.motion_bound)
 
     def _by_energy(self, motion_bound: float) -> FloatArray:
         """Largest closing of each pair in a motion, m."""
@@ -149,7 +153,7 @@ class Clearances:
             self._clearance[indices] = spheres - DISTANCE_QUERY_M
             indices = indices[spheres < self._spheres.radii[indices]]
         for i in indices.tolist():
-            self._clearance[i] = self._pairs[i].gap(model, data, DISTANCE_LIMIT_M) - DISTANCE_QUERY_M
+            self._clearance[i] = self._pairs[i].watched_gap(model, data, DISTANCE_LIMIT_M) - DISTANCE_QUERY_M
 
     def _begin(self, motion_bound: float) -> None:
         """Begin new bounds on the motion at the state in ``data``, for which the clearances hold."""
@@ -410,10 +414,11 @@ class Detector(EventSource, Replayable):
         self._broad_phase = BroadPhase(self._model, self.pairs)
         geoms, limits = by_kind(self.pairs)
         self._clearances, self._limits = Clearances(scene, geoms), LimitClearances(scene, limits, len(geoms))
-        self.watched, self.travels = frozenset(pair.geom_ids for pair in self.pairs), (self._clearances.travel,)
-        self._suspects: tuple[int, ...] = ()
+        self.watched = frozenset(ids for pair in self.pairs for ids in pair.geom_pairs)
+        self.travels = (self._clearances.travel,)
+        self._suspects: tuple[UnilateralConstraint, ...] = ()
         # Evaluations of this step by pair and time; those at its end are kept as the start of the next step.
-        self._evaluated: dict[tuple[int, float], Proximity] = {}
+        self._evaluated: dict[tuple[UnilateralConstraint, float], Proximity] = {}
 
     def restart(self) -> None:
         """Discard all evaluations, because the state or the efforts changed discontinuously."""
@@ -430,17 +435,30 @@ class Detector(EventSource, Replayable):
         self.event_bound = min(self._clearances.energy_reach, self.bound_within)
 
     def _is_skipped(self, pair: UnilateralConstraint) -> bool:
-        """Whether a pair has no impacts now: persistent contact holds it, or both geoms are on one rigid body."""
-        return self._holds(pair) or pair.geom_ids in self.motion.disabled
+        """Whether a pair has no impacts now: persistent contact holds it, or both geoms are on one rigid body.
+
+        A pair of unions that is held goes on with those pieces that do not touch.
+        """
+        return (self._holds(pair) and not isinstance(pair, UnionPair)) or pair.geom_ids in self.motion.disabled
 
     def is_clear(self) -> bool:
         """Whether the bounds on the motion exclude contact of all pairs in the last step."""
         if self.motion.stepper.motion_bound > self.motion.stepper.last_increment:
             self._evaluated.clear()  # of an earlier step
         # Bounds on the motion are cheap and certain: only pairs that they do not clear are followed along the path.
-        self._suspects = (*self._clearances.after_step().tolist(), *self._limits.after_step().tolist())
+        suspects = (*self._clearances.after_step().tolist(), *self._limits.after_step().tolist())
+        self._suspects = tuple(pair for i in suspects for pair in self._followed(i))
         self._bound_events()
         return not self._suspects
+
+    def _followed(self, i: int) -> Iterator[UnilateralConstraint]:
+        """A pair, or of a pair of unions those pieces that may have touched in the last step: each is followed by itself."""
+        pair = self.pairs[i]
+        if isinstance(pair, UnionPair):
+            reach = float(self._clearances.last[i]) + DISTANCE_QUERY_M
+            yield from pair.apart_within(self._model, self._data, reach)
+        else:
+            yield pair
 
     def first_event(self, duration_s: float) -> float | None:
         """First time in the first ``duration_s`` of the last step at which a pair touches: approaching, or pressed at rest.
@@ -459,7 +477,7 @@ class Detector(EventSource, Replayable):
     def on_event_located(self, time_s: float) -> None:
         """Update the deepest overlap, and start new motion bounds from here."""
         self.update_overlap(time_s)
-        self._evaluated = {(i, 0.0): near for (i, time), near in self._evaluated.items() if time == time_s}
+        self._evaluated = {(pair, 0.0): near for (pair, time), near in self._evaluated.items() if time == time_s}
         self._measure_clearances()
 
     def closed_pairs(self) -> ClosedPairs:
@@ -473,69 +491,81 @@ class Detector(EventSource, Replayable):
             time: Time since the start of the step, if evaluations of this step may be used.
         """
         for i in self._broad_phase.near(self._data):
-            if not self._is_skipped(self.pairs[i]):
-                self._overlap.add(self.pairs[i], self._proximity(i, time).gap)
+            pair = self.pairs[i]
+            if not self._is_skipped(pair) and not self._holds(pair):
+                self._overlap.add(pair, self._proximity(pair, time).gap)
 
-    def _proximity(self, i: int, time: float | None) -> Proximity:
+    def _proximity(self, pair: UnilateralConstraint, time: float | None) -> Proximity:
         """Proximity of a pair at the state in ``data``; evaluated once per time since the start of the step, if given."""
         if time is None:
-            return self.pairs[i].proximity(self._model, self._data)
-        if (i, time) not in self._evaluated:
+            return pair.proximity(self._model, self._data)
+        if (pair, time) not in self._evaluated:
             if len(self._evaluated) >= _MAX_EVALUATIONS:
                 raise UnsupportedContactError(
-                    f"the gap of {self.pairs[i]} changes too often within a step to be followed; use a shorter time_step_s"
+                    f"the gap of {pair} changes too often within a step to be followed; use a shorter time_step_s"
                 )
-            self._evaluated[i, time] = self.pairs[i].proximity(self._model, self._data)
-        return self._evaluated[i, time]
+            self._evaluated[pair, time] = pair.proximity(self._model, self._data)
+        return self._evaluated[pair, time]
 
     def _sample(self, time: float) -> _Sample:
         model, data = self._model, self._data
-        pairs = [self.pairs[i] for i in self._suspects]
-        bounds = tuple(pair.closing_speed_bound(data) for pair in pairs)
-        gaps = tuple(pair.gap(model, data, DISTANCE_LIMIT_M) for pair in pairs)
+        bounds = tuple(pair.closing_speed_bound(data) for pair in self._suspects)
+        gaps = tuple(pair.gap(model, data, DISTANCE_LIMIT_M) for pair in self._suspects)
         return _Sample(time, gaps, bounds)
 
     def due(self) -> bool:
         """Whether a pair touches and approaches at the state in ``data``."""
         if self.motion.stepper.motion_bound > 0.0:
             self._evaluated.clear()  # of an earlier step
-        near = (self._proximity(i, 0.0) for i in (*self._clearances.near().tolist(), *self._limits.near().tolist()))
+        indices = (*self._clearances.near().tolist(), *self._limits.near().tolist())
+        near = (self._proximity(pair, 0.0) for i in indices for pair in self._at_once(self.pairs[i]))
         # To rounding, as roots are located: another model may have an event that is due here.
         return any(pair.gap <= pair.rounding and pair.approaches for pair in near)
 
-    def _touch_of(self, i: int, start: float, end: float) -> float | None:
+    def _at_once(self, pair: UnilateralConstraint) -> Iterator[UnilateralConstraint]:
+        """A pair, or those pieces of two unions that are next to each other."""
+        if isinstance(pair, UnionPair):
+            yield from pair.apart_within(self._model, self._data, DISTANCE_QUERY_M)
+        else:
+            yield pair
+
+    def _touch_of(self, pair: UnilateralConstraint, start: float, end: float) -> float | None:
         """First touch of one pair in an interval where its gap has at most one extremum."""
-        pair, model, data = self.pairs[i], self._model, self._data
+        model, data = self._model, self._data
 
         def at(time: float) -> Proximity:
-            if (i, time) not in self._evaluated:
+            if (pair, time) not in self._evaluated:
                 self.motion.path.move_to(time)
-            return self._proximity(i, time)
+            return self._proximity(pair, time)
 
         def pressed(time: float) -> bool:
             self.motion.path.move_to(time)
             return pair.is_pressed(model, data, at(time))
 
-        return first_touch(at, start, end, pressed)
+        touch = first_touch(at, start, end, pressed)
+        # Two pieces that touch where other pieces cover them, or go on with a contact that is held, begin nothing.
+        if touch is not None and isinstance(pair, PiecePair) and self._holds(pair.union) and not at(touch).approaches:
+            return None
+        return touch
 
     def _first_in(self, a: _Sample, b: _Sample, depth: int) -> float | None:
         """First touch between two samples, by bisection until each pair that may touch moves by less than its size."""
         span = b.time - a.time
         # The gap cannot fall faster than the bound from either end, so contact needs bound * span >= the sum of both gaps.
         candidates = [
-            (i, max(a.bounds[k], b.bounds[k]) * span)
-            for k, i in enumerate(self._suspects)
+            (pair, max(a.bounds[k], b.bounds[k]) * span)
+            for k, pair in enumerate(self._suspects)
             if a.gaps[k] + b.gaps[k] - 2.0 * DISTANCE_QUERY_M <= max(a.bounds[k], b.bounds[k]) * span
         ]
         if not candidates:
             return None
-        simple = all(motion <= self.pairs[i].size for i, motion in candidates)
+        simple = all(motion <= pair.size for pair, motion in candidates)
         if simple or depth >= _MAX_DEPTH:
             for time in (b.time, a.time):  # at once for all of them: each move integrates from the start of the step
                 self.motion.path.move_to(time)
-                for i, _ in candidates:
-                    self._proximity(i, time)
-            touches = [t for t in (self._touch_of(i, a.time, b.time) for i, _ in candidates) if t is not None]
+                for pair, _ in candidates:
+                    self._proximity(pair, time)
+            touches = [t for t in (self._touch_of(pair, a.time, b.time) for pair, _ in candidates) if t is not None]
             return min(touches, default=None)
         self._bisections += 1
         if self._bisections > _MAX_BISECTIONS:

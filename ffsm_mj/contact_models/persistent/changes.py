@@ -164,10 +164,12 @@ class ContactChanges:
 
     def _features_now(self, pair: UnilateralConstraint) -> tuple[ContactPoint, ...]:
         """Contact points of a pair that left a feature: none if, for example, a corner slid off a face."""
-        near = pair.proximity(self._scene.system.mj, self._scene.data)
+        patches = pair.proximities(self._scene.system.mj, self._scene.data)
         # At the bound of its feature the normal of a round geom has turned, and the gap rate along the new one is not
         # rounding.
-        return points_at_rest(self._scene, pair, near, switched_rate_tolerance(near))
+        return tuple(
+            point for near in patches for point in points_at_rest(self._scene, pair, near, switched_rate_tolerance(near))
+        )
 
 
 def _sliding_pairs(contact_points: Sequence[ContactPoint], kinds: Sequence[int]) -> dict[UnilateralConstraint, bool]:

@@ -18,6 +18,7 @@ from ffsm_mj.contact.features.point_line_gaps import PointOnFace
 from ffsm_mj.contact.features.round_gaps import RoundOnFace
 from ffsm_mj.contact.features.search import features
 from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
+from ffsm_mj.contact.union_pair import UnionPair
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint, over_one_face
 from ffsm_mj.tolerances import FLAT_M, LANDING_DEPTH_M, OTHER_POINT_M
@@ -63,7 +64,9 @@ class Clearance:
         self.flat_pairs = {
             pair
             for pair in self.pairs
-            if not pair.is_of(mujoco.mjtGeom.mjGEOM_MESH) and _lie_flat([point.feature for point in by_pair[pair]])
+            # On one face of a union other pieces may stand beside it.
+            if not (isinstance(pair, UnionPair) or pair.is_of(mujoco.mjtGeom.mjGEOM_MESH))
+            and _lie_flat([point.feature for point in by_pair[pair]])
         }
         self.forget()
 
@@ -90,8 +93,10 @@ class Clearance:
 
     def _gap_elsewhere(self, pair: ContactPair, gaps: Sequence[float]) -> float:
         """Gap of a pair less the deepest of its contact points, m."""
-        # The drift of closed points lowers the whole pair: only what is deeper than they are is another point.
-        return self._pair_gap(pair) - min([0.0, *gaps])
+        # The drift of closed points lowers the whole pair: only what is deeper than they are is another point. Pieces of
+        # unions that do not touch yet are followed by event location.
+        parts = pair.joined_pairs() if isinstance(pair, UnionPair) else [pair]
+        return min(map(self._pair_gap, parts), default=math.inf) - min([0.0, *gaps])
 
     def _pair_gap(self, pair: ContactPair) -> float:
         """Gap of a pair, m.
@@ -117,14 +122,15 @@ class Clearance:
         return [
             feature
             for pair in self.pairs
-            for feature in features(pair, model, data, pair.proximity(model, data))
+            for near in pair.proximities(model, data)
+            for feature in features(pair, model, data, near)
             if feature.at(data).gap < min([0.0, *gaps_of(pair)]) - _OVERLAPS_M
         ]
 
 
 def may_touch_at_several_points(pair: Any) -> bool:
     """Whether a pair may touch at several points."""
-    return not any(pair.is_of(kind) for kind in _ONE_POINT)
+    return isinstance(pair, UnionPair) or not any(pair.is_of(kind) for kind in _ONE_POINT)
 
 
 def _lie_flat(features: Sequence[Feature]) -> bool:

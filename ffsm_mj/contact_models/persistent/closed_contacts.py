@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -23,6 +23,7 @@ from ffsm_mj.contact.features.gap_function import Feature, FeatureState
 from ffsm_mj.contact.features.search import StoredFeatures
 from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
 from ffsm_mj.contact.proximity import Proximity
+from ffsm_mj.contact.union_pair import UnionPair
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.clearance import Clearance, Tilts
 from ffsm_mj.contact_models.persistent.closing import points_at_rest, slow_points
@@ -59,13 +60,13 @@ class ForceSolver:
         other_forces: Applied forces besides those of persistent contacts, (nv,).
         last_rows: Rows computed last, with their points and the token of their state.
         last_evaluation: Points evaluated last, with the tokens of their state and load.
-        flat: Pairs that are held at three points of a flat patch at least.
+        flat: Patches that are held at three points at least; see :attr:`.contact_points.ContactPoint.flat_on`.
     """
 
     def __init__(self, data: Any, modes: FrictionModes) -> None:
         """Store the data of the logged system, and the friction modes."""
         self._data, self._modes = data, modes
-        self.flat: frozenset[UnilateralConstraint] = frozenset()
+        self.flat: frozenset[Hashable] = frozenset()
         self._evaluators: dict[tuple[Any, ...], RowEvaluator] = {}
 
     def bind(self, motion: Motion) -> None:
@@ -193,16 +194,16 @@ class ClosedContacts:
         """Contact points and modes of closed pairs and limits.
 
         Attributes:
-            closed: Name of each with its features, in order.
+            closed: Name of each with its features and their patches, in order.
             pressing: Places of the points that carry force among all of them.
-            flat: Names of the pairs that carried force at enough points for a patch, be it at others than now.
+            flat: Patches that carried force at enough points, be it at others than now: names of pair and patch.
             modes: Friction modes of the points.
             in_step: Whether a step since the last event has ended here: the forces at its end are known.
         """
 
-        closed: list[tuple[str, list[Any]]]
+        closed: list[tuple[str, list[Any], list[str]]]
         pressing: list[int]
-        flat: list[str]
+        flat: list[tuple[str, str]]
         modes: Any
         in_step: bool
 
@@ -210,13 +211,17 @@ class ClosedContacts:
         """The closed contacts."""
         stored = StoredFeatures(self._model)
         closed = [
-            (pair.name, [None if pair.is_limit else stored.to_plain(point.feature) for point in points])
+            (
+                pair.name,
+                [None if pair.is_limit else stored.to_plain(point.feature) for point in points],
+                [point.patch for point in points],
+            )
             for pair, points in self.by_pair.items()
         ]
         place = {contact: i for i, contact in enumerate(self.contact_points)}
         # A point of the active set may have been removed at this state, where its gap opened.
         pressing = [place[point] for point in self.pressing if point in place]
-        flat = sorted(pair.name for pair in self.solver.flat)
+        flat = sorted((on[0].name, on[1]) if isinstance(on, tuple) else (on.name, "") for on in self.solver.flat)
         return self.State(closed, pressing, flat, self.modes.get_state(self.contact_points), bool(self.stages))
 
     def set_state(self, state: Any, pairs: Mapping[str, UnilateralConstraint]) -> None:
@@ -231,15 +236,16 @@ class ClosedContacts:
         """
         values, stored = entries(state, self.State), StoredFeatures(self._model)
         self.by_pair.clear()
-        for name, kept in values["closed"]:
+        for name, kept, patches in values["closed"]:
             pair = pairs[name]
             self.by_pair[pair] = tuple(
-                ContactPoint(pair, pair.feature if pair.is_limit else stored.from_plain(feature)) for feature in kept
+                ContactPoint(pair, pair.feature if pair.is_limit else stored.from_plain(feature), patch)
+                for feature, patch in zip(kept, patches, strict=True)
             )
         self._follow_points()
         self.set_pressing(tuple(self.contact_points[i] for i in values["pressing"]))
         # After set_pressing, which counts the points that press now: the run may have found the patch at others.
-        self.solver.flat = frozenset(pairs[name] for name in values["flat"])
+        self.solver.flat = frozenset((pairs[name], patch) if patch else pairs[name] for name, patch in values["flat"])
         self.modes.set_state(values["modes"], self.contact_points)
         self._chosen = None
         self.stages.clear()
@@ -271,6 +277,8 @@ class ClosedContacts:
     def remove(self, pair: UnilateralConstraint) -> None:
         """Remove a pair."""
         del self.by_pair[pair]
+        if isinstance(pair, UnionPair):
+            pair.hold(())
         self._follow_points()
 
     def _follow_points(self) -> None:
@@ -278,11 +286,24 @@ class ClosedContacts:
         self.contact_points = tuple(contact for contact_points in self.by_pair.values() for contact in contact_points)
         self.solver.forget_points()
         self.clearance.set_pairs(self.by_pair)
+        for pair, contact_points in self.by_pair.items():
+            if isinstance(pair, UnionPair):
+                pair.hold({contact.patch for contact in contact_points})
         self._tilts.set_closed(self.contact_points)
 
-    def add_closed(self, pair: UnilateralConstraint, near: Proximity, still: float) -> None:
-        """Set the contact points of a pair to those found at the current state; see :func:`points_at_rest`."""
-        self.set_points(pair, points_at_rest(self._scene, pair, near, still))
+    def add_closed(self, pair: UnilateralConstraint, patches: Sequence[tuple[Proximity, float]]) -> None:
+        """Set the contact points of a pair to those found at the current state, patch by patch.
+
+        See :func:`points_at_rest`.
+        """
+        found = [point for near, still in patches for point in points_at_rest(self._scene, pair, near, still)]
+        self.set_points(pair, found)
+        self.join(pair)
+
+    def join(self, pair: UnilateralConstraint) -> None:
+        """Watch the pieces of two unions that touch at the state in ``data`` by their contact points, from here on."""
+        if isinstance(pair, UnionPair) and self.by_pair[pair]:
+            pair.join(self._model, self.data)
 
     def keep_slow_points(self, pairs: Sequence[tuple[UnilateralConstraint, Proximity]]) -> None:
         """Also close contact points that separate so slowly that the pressing forces would stop them below ``LIFT_OFF_M``.
@@ -375,10 +396,10 @@ class ClosedContacts:
     def set_pressing(self, pressing: tuple[ContactPoint, ...]) -> None:
         """Set the active set."""
         self.pressing = pressing
-        count_of = Counter(contact.pair for contact in pressing)
+        count_of = Counter(contact.flat_on for contact in pressing)
         # The points of a flat patch share one normal: those of each would let tilts grow without bound where the patch
         # shrinks to a line (_in_patch in contact_points.py).
-        self.solver.flat = frozenset(pair for pair, points in count_of.items() if points >= _PATCH_POINTS)
+        self.solver.flat = frozenset(on for on, points in count_of.items() if points >= _PATCH_POINTS)
         self._tilts.set_points(pressing)
 
     def plan_step(self, left_s: float) -> float:

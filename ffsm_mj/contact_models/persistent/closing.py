@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -12,6 +12,7 @@ from ffsm_mj.contact.features.gap_function import FeatureState
 from ffsm_mj.contact.features.search import features, features_at_rest
 from ffsm_mj.contact.pairs import UnilateralConstraint
 from ffsm_mj.contact.proximity import Proximity
+from ffsm_mj.contact.union_pair import UnionProximity
 from ffsm_mj.contact_models.impact.resolution import ClosedPairs
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
@@ -74,8 +75,8 @@ def closed_at(
     for pair in pairs:
         # The distance query may be wrong by DISTANCE_QUERY_M: at ten times that it leaves out no pair in contact.
         if pair.gap(model, data) <= CLEARLY_APART_M:
-            near = pair.proximity(model, data)
-            yield pair, near, closed_rate_tolerance(near) if pair in closed else near.rate_tolerance
+            for near in pair.proximities(model, data):
+                yield pair, near, closed_rate_tolerance(near) if pair in closed else near.rate_tolerance
 
 
 def refusal_in(motion: Motion, scene: Scene) -> str:
@@ -83,6 +84,19 @@ def refusal_in(motion: Motion, scene: Scene) -> str:
     if motion.data is not scene.data and not motion.grasp:
         return _OTHER_MODEL
     return ""
+
+
+def patch_of(near: Proximity) -> str:
+    """Name of a patch among those of its pair; empty if there is only one."""
+    return near.patch if isinstance(near, UnionProximity) else ""
+
+
+def by_pair(closing: Iterable[ClosingPair]) -> dict[UnilateralConstraint, list[tuple[Proximity, float]]]:
+    """Patches with their tolerances by pair."""
+    patches: dict[UnilateralConstraint, list[tuple[Proximity, float]]] = {}
+    for pair, near, still in closing:
+        patches.setdefault(pair, []).append((near, still))
+    return patches
 
 
 def points_at_rest(scene: Scene, pair: UnilateralConstraint, near: Proximity, still: float) -> tuple[ContactPoint, ...]:
@@ -109,7 +123,7 @@ def points_at_rest(scene: Scene, pair: UnilateralConstraint, near: Proximity, st
         return parallel and abs(pair.rate_along(data, near.normal, place)) <= still
 
     resting = features_at_rest(pair, scene.system.mj, data, near, is_still)
-    return tuple(ContactPoint(pair, feature) for feature in resting)
+    return tuple(ContactPoint(pair, feature, patch_of(near)) for feature in resting)
 
 
 def slow_points(
@@ -118,7 +132,7 @@ def slow_points(
     """Contact points of some pairs that separate slowly, with the rates of their gaps, m/s; without those closed already."""
     model, data = scene.system.mj, scene.data
     points = [
-        ContactPoint(pair, feature)
+        ContactPoint(pair, feature, patch_of(near))
         for pair, near in pairs
         for feature in ((pair.feature,) if pair.is_limit else features(pair, model, data, near))
     ]

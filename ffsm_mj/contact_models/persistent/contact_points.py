@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -19,10 +19,22 @@ from ffsm_mj.dynamics.body_twists import BodyTwist, PairTwist
 
 @dataclass(frozen=True, eq=False)
 class ContactPoint:
-    """One contact feature of a pair, or a joint limit."""
+    """One contact feature of a pair, or a joint limit.
+
+    Attributes:
+        pair: The pair.
+        feature: The feature.
+        patch: Name of its patch among those of a pair of unions; empty for other pairs, which have one.
+    """
 
     pair: UnilateralConstraint
     feature: Feature
+    patch: str = ""
+
+    @property
+    def flat_on(self) -> Hashable:
+        """What points have in common that may be on one face."""
+        return (self.pair, self.patch) if self.patch else self.pair
 
 
 def over_one_face(one: Feature, other: Feature) -> bool:
@@ -43,7 +55,7 @@ def point_runs(contact_points: Sequence[ContactPoint]) -> list[slice]:
         i
         for i, point in enumerate(contact_points)
         if i == 0
-        or point.pair is not contact_points[i - 1].pair
+        or point.flat_on != contact_points[i - 1].flat_on
         or not over_one_face(contact_points[i - 1].feature, point.feature)
     ]
     return [slice(start, end) for start, end in pairwise([*starts, len(contact_points)])]

@@ -307,7 +307,8 @@ class ForceCheck:
             (pair, near)
             for pair in (self._pairs[i] for i in self._broad_phase.within(self._scene.data, CLEARLY_APART_M))
             # Geoms that a grasp joins to one rigid body touch without any force.
-            if pair.geom_ids not in motion.disabled and (near := self._closed(pair, pair in closed_pairs))
+            if pair.geom_ids not in motion.disabled
+            for near in self._closed(pair, pair in closed_pairs)
         ]
         if not touching and not logged.any():
             return 0.0
@@ -327,14 +328,16 @@ class ForceCheck:
         names = frozenset(name for name, is_closed in zip(self._names, closed.tolist(), strict=True) if is_closed)
         return np.concatenate((row[self._forces].reshape(-1, 3), at_limits)), names
 
-    def _closed(self, pair: UnilateralConstraint, lasts: bool) -> Proximity | None:
+    def _closed(self, pair: UnilateralConstraint, lasts: bool) -> Iterator[Proximity]:
+        """Patches of a pair that are closed."""
         model, data = self._scene.system.mj, self._scene.data
         if pair.gap(model, data) > CLEARLY_APART_M:
-            return None
-        near = pair.proximity(model, data)
-        # MuJoCo stores mesh vertices in single precision: with several touching, the gap is known no better than that.
-        seen = replace(near, gap=near.gap - pair.position_tolerance) if lasts else near
-        return near if closed_and_still(seen, _LIFTS_M_S if lasts else near.rate_tolerance) else None
+            return
+        for near in pair.proximities(model, data):
+            # MuJoCo stores mesh vertices in single precision: with several touching, the gap is known no better than that.
+            seen = replace(near, gap=near.gap - pair.position_tolerance) if lasts else near
+            if closed_and_still(seen, _LIFTS_M_S if lasts else near.rate_tolerance):
+                yield near
 
     def _resultants(
         self, touching: Sequence[tuple[UnilateralConstraint, Proximity]], motion: Motion

@@ -50,6 +50,7 @@ from ffsm_mj.contact_models.persistent.changes import (
     name_of,
 )
 from ffsm_mj.contact_models.persistent.closed_contacts import ClosedContacts
+from ffsm_mj.contact_models.persistent.closing import by_pair as patches_by_pair
 from ffsm_mj.contact_models.persistent.closing import (
     closed_after_change,
     closed_and_still,
@@ -291,8 +292,9 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
                 self._closed.set_points(pair, ())
         before, self._previous = self._previous, (motion, motion.grasps, motion.disabled)
         if before is not None and before != self._previous:
-            for pair, near, still in closed_after_change(closed_pairs(self._broad_phase, self.scene, motion), by_pair):
-                self._update_pair(pair, near, still)
+            touching = closed_pairs(self._broad_phase, self.scene, motion)
+            for pair, patches in patches_by_pair(closed_after_change(touching, by_pair)).items():
+                self._update_pair(pair, patches)
                 # Features are determined anew: where the old points stick the slip of the new ones is drift, not motion.
                 self._closed.modes.replace(by_pair.get(pair, ()), self._closed.by_pair.get(pair, ()))
         self._update_activity()
@@ -322,11 +324,13 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         approach = max((-near.rate for _, near in touching), default=0.0)
         closed_before = set(self._closed.by_pair)
         now = [(pair, pair.at_velocities(self.scene.data, near)) for pair, near in touching]
-        for pair, near in now:
-            drifts = not struck and pair in closed_before
-            self._update_pair(
-                pair, near, closed_rate_tolerance(near) if drifts else rate_tolerance(near, max(approach, 0.0))
-            )
+        closing = (
+            (pair, near, closed_rate_tolerance(near) if drifts else rate_tolerance(near, max(approach, 0.0)))
+            for pair, near in now
+            for drifts in (not struck and pair in closed_before,)
+        )
+        for pair, patches in patches_by_pair(closing).items():
+            self._update_pair(pair, patches)
         self._closed.keep_slow_points([(pair, near) for pair, near in now if pair in closed_before])
         # The impact has changed the slips, on which sticking and sliding depend.
         self._closed.modes.struck = True
@@ -356,9 +360,10 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         """Why a pair cannot stay in contact; empty if it can."""
         return refusal_in(self.motion, self.scene)
 
-    def _update_pair(self, pair: UnilateralConstraint, near: Proximity, still: float) -> None:
-        if closed_and_still(near, still) and not self.refusal(pair):
-            self._closed.add_closed(pair, near, still)
+    def _update_pair(self, pair: UnilateralConstraint, patches: Sequence[tuple[Proximity, float]]) -> None:
+        at_rest = [(near, still) for near, still in patches if closed_and_still(near, still)]
+        if at_rest and not self.refusal(pair):
+            self._closed.add_closed(pair, at_rest)
         elif self.holds(pair):
             # It stays listed without points until its end is logged: columns and records would not agree otherwise.
             self._closed.set_points(pair, ())
@@ -391,8 +396,8 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         unlisted = closed_rules - listed
         near_pairs = [self._pairs[i] for i in self._broad_phase.within(self.scene.data, CLEARLY_APART_M)]
         closed_before = [pair for pair in near_pairs if pair in self._changes.logged or pair.rule in unlisted]
-        for pair, near, still in closed_at(self.scene, near_pairs, closed_before):
-            self._update_pair(pair, near, still)
+        for pair, patches in patches_by_pair(closed_at(self.scene, near_pairs, closed_before)).items():
+            self._update_pair(pair, patches)
         self._changes.logged += [pair for pair in self._closed.by_pair if pair.rule in unlisted]
         self._update_activity()
 
@@ -415,6 +420,8 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
             self._closed.stages.clear()
             return left_s
         self._located_s = None
+        for pair in self._closed.by_pair:
+            self._closed.join(pair)
         # In a steady state the active set and the modes of the step before hold on: nothing is decided anew.
         if not self._closed.steady.goes_on():
             # In this order: points that are released still count as sticking when drift is projected out, and slip from then
