@@ -2,8 +2,7 @@ from collections.abc import Collection, Sequence
 from typing import Any
 
 from ffsm_mj._core.rows import PointRows
-from ffsm_mj.contact.pairs import UnilateralConstraint
-from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
+from ffsm_mj.contact_models.persistent.contact_points import ContactPoint, Patch
 from ffsm_mj.dynamics.motion import Motion
 
 class RowEvaluator:
@@ -14,6 +13,6 @@ class RowEvaluator:
         motion: Motion,
         data: Any,
         contact_points: Sequence[ContactPoint],
-        flat: Collection[UnilateralConstraint] = (),
+        flat: Collection[Patch] = (),
     ) -> None: ...
     def rows(self) -> PointRows: ...

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import mujoco
 import numpy as np
 import pytest
@@ -37,11 +39,16 @@ def relative_speed(model, data, geoms, rng):
     return float(np.abs(np.einsum("ijk,ijk->ij", apart, velocities[1][None] - velocities[0][:, None])).max())
 
 
+def spheres(model, ids):
+    """Pairs of geoms with their bounding spheres."""
+    return [SimpleNamespace(ids=pair, radii=tuple(float(model.geom_rbound[geom]) for geom in pair)) for pair in ids]
+
+
 def test_no_point_of_a_pair_closes_faster_than_its_bound(rng):
     model = mujoco.MjModel.from_xml_string(CHAIN)
     data, slide = mujoco.MjData(model), int(model.joint("rail").qposadr[0])
     ids = [tuple(model.geom(name).id for name in pair) for pair in PAIRS]
-    bound = TravelBound(model, data.qpos, ids)
+    bound = TravelBound(model, data.qpos, spheres(model, ids))
     assert bound.slides.tolist() == [int(model.joint("rail").dofadr[0])]
     largest = np.zeros(len(PAIRS))
     for _ in range(400):
@@ -64,17 +71,17 @@ def test_the_bound_of_a_slide_beyond_a_hinge_ends_and_is_computed_again():
     model = mujoco.MjModel.from_xml_string(CHAIN)
     data, hand = mujoco.MjData(model), [(model.geom("hand").id, model.geom("rock").id)]
     turn = int(model.joint("turn").dofadr[0])
-    near = TravelBound(model, data.qpos, hand)
+    near = TravelBound(model, data.qpos, spheres(model, hand))
     data.qpos[model.joint("rail").qposadr[0]] = 2.0
     assert near.slide_allowance(data.qpos) == pytest.approx([-1.5])
-    far = TravelBound(model, data.qpos, hand)
+    far = TravelBound(model, data.qpos, spheres(model, hand))
     assert far.slide_allowance(data.qpos) == pytest.approx([0.5])
     assert far.rows[0, turn] == pytest.approx(near.rows[0, turn] + 2.0)
 
 
 def test_joints_that_move_both_geoms_do_not_count():
     model = mujoco.MjModel.from_xml_string(CHAIN)
-    bound = TravelBound(model, np.zeros(model.nq), [(model.geom("arm").id, model.geom("hand").id)])
+    bound = TravelBound(model, np.zeros(model.nq), spheres(model, [(model.geom("arm").id, model.geom("hand").id)]))
     moving = np.flatnonzero(bound.rows[0])
     first = int(model.joint("rail").dofadr[0])
     assert moving.tolist() == list(range(first, first + 5))  # rail, roll and the ball of the wrist

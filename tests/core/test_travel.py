@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import mujoco
 import numpy as np
 import pytest
@@ -45,7 +47,8 @@ def test_two_bodies_approach_by_no_more(rng):
     data.qvel[:] = rng.normal(size=model.nv) * 3.0
     model.opt.timestep, model.opt.integrator = 1e-3, mujoco.mjtIntegrator.mjINT_RK4
     mujoco.mj_forward(model, data)
-    travel, bound = Travel(data.qvel), TravelBound(model, data.qpos, ids)
+    spheres = SimpleNamespace(ids=ids[0], radii=tuple(float(model.geom_rbound[geom]) for geom in ids[0]))
+    travel, bound = Travel(data.qvel), TravelBound(model, data.qpos, [spheres])
     travel.begin(np.ones(model.nv), np.inf)
 
     def apart():

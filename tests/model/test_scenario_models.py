@@ -162,7 +162,7 @@ def test_a_pair_needs_a_moving_side(tmp_path):
     mujoco.mj_forward(system.mj, data)
     # 1 kg: |v| <= sqrt(2 T), and the ball turns about its centre, 0.1 m from its surface: I = 0.4 m r^2.
     spin = 0.1 / np.sqrt(0.4 * 0.1**2)
-    assert speeds_per_root_energy(system.mj, data, [pair.ids])[0] == pytest.approx(1.0 + spin, rel=1e-12)
+    assert speeds_per_root_energy(system.mj, data, [pair])[0] == pytest.approx(1.0 + spin, rel=1e-12)
     assert pair.closing_speed_bound(data) == pytest.approx(1.1)
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -27,7 +27,7 @@ from ffsm_mj.contact.union_pair import UnionPair
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.clearance import Clearance, Tilts
 from ffsm_mj.contact_models.persistent.closing import points_at_rest, slow_points
-from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
+from ffsm_mj.contact_models.persistent.contact_points import ContactPoint, Patch
 from ffsm_mj.contact_models.persistent.exchange import Stage
 from ffsm_mj.contact_models.persistent.friction.choice import pressing_without_friction
 from ffsm_mj.contact_models.persistent.friction.decision import Decision, step_rule
@@ -66,7 +66,7 @@ class ForceSolver:
     def __init__(self, data: Any, modes: FrictionModes) -> None:
         """Store the data of the logged system, and the friction modes."""
         self._data, self._modes = data, modes
-        self.flat: frozenset[Hashable] = frozenset()
+        self.flat: frozenset[Patch] = frozenset()
         self._evaluators: dict[tuple[Any, ...], RowEvaluator] = {}
 
     def bind(self, motion: Motion) -> None:
@@ -221,7 +221,7 @@ class ClosedContacts:
         place = {contact: i for i, contact in enumerate(self.contact_points)}
         # A point of the active set may have been removed at this state, where its gap opened.
         pressing = [place[point] for point in self.pressing if point in place]
-        flat = sorted((on[0].name, on[1]) if isinstance(on, tuple) else (on.name, "") for on in self.solver.flat)
+        flat = sorted((pair.name, patch) for pair, patch in self.solver.flat)
         return self.State(closed, pressing, flat, self.modes.get_state(self.contact_points), bool(self.stages))
 
     def set_state(self, state: Any, pairs: Mapping[str, UnilateralConstraint]) -> None:
@@ -245,7 +245,7 @@ class ClosedContacts:
         self._follow_points()
         self.set_pressing(tuple(self.contact_points[i] for i in values["pressing"]))
         # After set_pressing, which counts the points that press now: the run may have found the patch at others.
-        self.solver.flat = frozenset((pairs[name], patch) if patch else pairs[name] for name, patch in values["flat"])
+        self.solver.flat = frozenset((pairs[name], patch) for name, patch in values["flat"])
         self.modes.set_state(values["modes"], self.contact_points)
         self._chosen = None
         self.stages.clear()

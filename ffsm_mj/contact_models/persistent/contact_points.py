@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from ffsm_mj.contact.features.gap_function import Feature, FeatureState
 from ffsm_mj.contact.features.point_line_gaps import PointOnFace
 from ffsm_mj.contact.pairs import UnilateralConstraint
 from ffsm_mj.dynamics.body_twists import BodyTwist, PairTwist
+
+Patch: TypeAlias = tuple[UnilateralConstraint, str]
+"""A pair, and the name of one of its patches."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,9 +35,9 @@ class ContactPoint:
     patch: str = ""
 
     @property
-    def flat_on(self) -> Hashable:
+    def flat_on(self) -> Patch:
         """What points have in common that may be on one face."""
-        return (self.pair, self.patch) if self.patch else self.pair
+        return self.pair, self.patch
 
 
 def over_one_face(one: Feature, other: Feature) -> bool:

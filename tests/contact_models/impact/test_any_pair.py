@@ -227,5 +227,5 @@ def test_energy_bounds_the_closing_speed_of_a_robot_with_itself(tmp_path, rng):
         row = contact_jacobian(model, data, contact)
         M = np.empty((model.nv, model.nv))
         mujoco.mj_fullM(model, data, M)
-        shares.append(np.sqrt(row @ np.linalg.solve(M, row)) / speeds_per_root_energy(model, data, [pair.ids])[0])
+        shares.append(np.sqrt(row @ np.linalg.solve(M, row)) / speeds_per_root_energy(model, data, [pair])[0])
     assert 0.4 < max(shares) <= 1.0
