@@ -22,6 +22,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.cells import cells, chosen_cell, intersection, nearest_in_cone, separating_normals
+from ffsm_mj.contact.features.gap_function import Feature
 from ffsm_mj.contact.normal import DISTANCE_LIMIT_M, NormalSearch, separation
 from ffsm_mj.contact.pairs import ContactPair, gap_rounding
 from ffsm_mj.contact.patch import corners_across
@@ -97,6 +98,13 @@ class PiecePair(ContactPair):
         """Whether one of the pieces is round."""
         return any(piece.is_curved for piece in self.pieces)
 
+    def is_parted(self, model: Any, data: Any, face: Feature) -> bool:
+        """Whether the plane of a face in contact is between both pieces."""
+        at, (a, b) = face.at(data), self.shapes(model, data)
+        level = float(at.normal @ at.point)
+        highest, lowest = (a.extreme(at.normal) @ at.normal).max(), (b.extreme(-at.normal) @ at.normal).min()
+        return bool(highest <= level + _AT_POINT_M and lowest >= level - _AT_POINT_M)
+
     def touches(self, model: Any, data: Any) -> bool:
         """Whether both pieces touch by themselves."""
         return self.alone(model, data).gap <= CONTACT_GAP_M
@@ -110,6 +118,7 @@ class UnionPair(ContactPair):
         joined: Pairs of pieces that touch at the start of a step while persistent contact holds the pair: these are
             watched by their contact points, all others by their distance.
         held: Patches that persistent contact holds.
+        is_beside: Whether the bodies may touch beside the face on which they lie flat.
     """
 
     def __init__(
@@ -146,6 +155,8 @@ class UnionPair(ContactPair):
         self._radii = a.radius_about(first[0]), b.radius_about(first[1])
         self.joined: frozenset[int] = frozenset()
         self.held: frozenset[str] = frozenset()
+        self._face: Feature | None = None
+        self.is_beside = True
 
     @cached_property
     def probe(self) -> Probe:
@@ -217,7 +228,13 @@ class UnionPair(ContactPair):
     def join(self, model: Any, data: Any) -> None:
         """Take the pairs of pieces that touch at the state in ``data`` as joined."""
         near = self.within(model, data, _QUERY_M)
-        self.joined = frozenset(k for gap, k in near if gap <= DISTANCE_QUERY_M and self.piece_pair(k).touches(model, data))
+        joined = [k for gap, k in near if gap <= DISTANCE_QUERY_M and self.piece_pair(k).touches(model, data)]
+        self.joined, face = frozenset(joined), self._face
+        self.is_beside = face is None or not all(self.piece_pair(k).is_parted(model, data, face) for k in joined)
+
+    def lie_on(self, face: Feature | None) -> None:
+        """Note a corner on the face on which the bodies lie flat; None: they do not."""
+        self._face, self.is_beside = face, True
 
     def closing_speed_bound(self, data: Any) -> float:
         """Bound on the closing speed of any two pieces; see :class:`ContactPair`."""

@@ -49,7 +49,6 @@ class Clearance:
 
     Attributes:
         pairs: These pairs.
-        flat_pairs: Those of them that lie on a face with three corners at least.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -61,14 +60,23 @@ class Clearance:
         """Set the closed pairs and their contact points."""
         self.pairs = [pair for pair in by_pair if isinstance(pair, ContactPair) and may_touch_at_several_points(pair)]
         # Vertices of a mesh are as far from the plane of its face as single precision takes them.
-        self.flat_pairs = {
+        lie_flat = [
             pair
             for pair in self.pairs
-            # On one face of a union other pieces may stand beside it.
-            if not (isinstance(pair, UnionPair) or pair.is_of(mujoco.mjtGeom.mjGEOM_MESH))
-            and _lie_flat([point.feature for point in by_pair[pair]])
-        }
+            if (isinstance(pair, UnionPair) or not pair.is_of(mujoco.mjtGeom.mjGEOM_MESH))
+            and (_lie_flat(features := [point.feature for point in by_pair[pair]]) or _rolls_on_face(pair, features))
+        ]
+        for pair in self.pairs:
+            if isinstance(pair, UnionPair):
+                pair.lie_on(by_pair[pair][0].feature if pair in lie_flat else None)
+        self._lie_flat = frozenset(lie_flat)
         self.forget()
+
+    @property
+    def flat_pairs(self) -> frozenset[ContactPair]:
+        """Pairs that lie on a face with three corners at least, and of which nothing else touches."""
+        # Of two unions a piece that stands beside the face may touch as well.
+        return frozenset(pair for pair in self._lie_flat if not (isinstance(pair, UnionPair) and pair.is_beside))
 
     def forget(self) -> None:
         """Discard the clearance that is kept."""
@@ -131,6 +139,15 @@ class Clearance:
 def may_touch_at_several_points(pair: Any) -> bool:
     """Whether a pair may touch at several points."""
     return isinstance(pair, UnionPair) or not any(pair.is_of(kind) for kind in _ONE_POINT)
+
+
+def _rolls_on_face(pair: ContactPair, features: Sequence[Feature]) -> bool:
+    """Whether a sphere or ellipsoid is on one face of a union: it is beyond the plane of that face as three corners are."""
+    return (
+        isinstance(pair, UnionPair)
+        and any(len(side.pieces) == 1 and side.pieces[0].kind in map(int, _ONE_POINT) for side in pair.sides)
+        and [type(feature) in (PointOnFace, RoundOnFace) for feature in features] == [True]
+    )
 
 
 def _lie_flat(features: Sequence[Feature]) -> bool:
