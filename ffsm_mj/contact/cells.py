@@ -124,19 +124,19 @@ def _is_solid(term: FloatArray) -> bool:
     return total <= 0.0 or float(np.linalg.norm(term.T @ shares)) > _SAME * total
 
 
-def chosen_cell(found: Sequence[FloatArray], motion: FloatArray, tolerance: float, preferred: FloatArray) -> FloatArray:
+def chosen_cell(every: Sequence[FloatArray], motion: FloatArray, tolerance: float, preferred: FloatArray) -> FloatArray:
     """The cell that a motion is in, or the nearest one, (k, 3).
 
     Args:
-        found: Cells, at least one.
+        every: Cells, at least one.
         motion: Velocity of b relative to a at the point, m/s, (3,).
         tolerance: Approach within this is none, m/s.
         preferred: Of several cells that a motion is in, as one at rest is in all, that with this normal counts.
     """
-    free = [cell for cell in found if (cell @ motion >= -tolerance).all()]
+    free = [cell for cell in every if (cell @ motion >= -tolerance).all()]
     if free:
         return min(free, key=lambda cell: float(np.linalg.norm(cell - preferred, axis=1).min()))
-    return min(found, key=lambda cell: _distance(cell, motion))
+    return min(every, key=lambda cell: _distance(cell, motion))
 
 
 def _distance(cell: FloatArray, motion: FloatArray) -> float:

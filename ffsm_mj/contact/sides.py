@@ -124,7 +124,7 @@ class Sides:
         self._geoms: dict[int, list[int]] = {}
         for geom in sorted(geoms):
             self._geoms.setdefault(self.body_of(geom), []).append(geom)
-        self._made: dict[int, Side] = {}
+        self._known: dict[int, Side] = {}
 
     def body_of(self, geom: int) -> int:
         """The body that stands for the rigid body of a geom."""
@@ -161,13 +161,13 @@ class Sides:
     def of(self, geom: int) -> Side:
         """The rigid body of a geom."""
         body = self.body_of(geom)
-        if body not in self._made:
-            self._made[body] = self._side(body, self._geoms[body])
-        return self._made[body]
+        if body not in self._known:
+            self._known[body] = self._side(body, self._geoms[body])
+        return self._known[body]
 
     def _side(self, body: int, geoms: Sequence[int]) -> Side:
         model = self._system.mj
-        made: list[Piece] = []
+        parts: list[Piece] = []
         for geom in geoms:
             rotation, position = _pose_in(model, body, geom)
             kind = int(model.geom_type[geom])
@@ -177,11 +177,11 @@ class Sides:
                 part = Part.of(body, placed) if geom in self._system.pieces or kind == _MESH else None
                 centre = placed.vertices.mean(axis=0)
                 radius = float(np.linalg.norm(placed.vertices - centre, axis=1).max())
-                made.append(Piece(len(made), geom, part, kind, centre, radius, 0.5 * placed.thickness, placed))
-            if not made or made[-1].geom != geom:
+                parts.append(Piece(len(parts), geom, part, kind, centre, radius, 0.5 * placed.thickness, placed))
+            if not parts or parts[-1].geom != geom:
                 radius, half = float(model.geom_rbound[geom]), float(model.geom_aabb[geom, 3:].min())
-                made.append(Piece(len(made), geom, None, kind, position, radius, half, None))
-        return Side(body, tuple(made))
+                parts.append(Piece(len(parts), geom, None, kind, position, radius, half, None))
+        return Side(body, tuple(parts))
 
 
 def _polytopes(model: Any, geom: int, pieces: Mapping[int, tuple[Polytope, ...]]) -> tuple[Polytope, ...]:

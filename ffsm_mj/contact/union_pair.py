@@ -117,7 +117,7 @@ class UnionPair(ContactPair):
         sides: The rigid bodies a and b.
         joined: Pairs of pieces that touch at the start of a step while persistent contact holds the pair: these are
             watched by their contact points, all others by their distance.
-        held: Patches that persistent contact holds.
+        closed_patches: Patches that persistent contact holds.
         is_beside: Whether the bodies may touch beside the face on which they lie flat.
     """
 
@@ -148,13 +148,13 @@ class UnionPair(ContactPair):
         self.body_a, self.body_b = (side.body for side in sides)
         self.position_tolerance = 0.0
         self._pieces = [(a, b) for a in sides[0].pieces for b in sides[1].pieces if (a.geom, b.geom) in self._geoms]
-        self._made: dict[int, PiecePair] = {}
+        self._known: dict[int, PiecePair] = {}
         self._numbers = np.array([(a.number, b.number) for a, b in self._pieces]).T
         self._spheres: FloatArray = np.array([a.radius + b.radius for a, b in self._pieces])
         a, b = sides
         self._radii = a.radius_about(first[0]), b.radius_about(first[1])
         self.joined: frozenset[int] = frozenset()
-        self.held: frozenset[str] = frozenset()
+        self.closed_patches: frozenset[str] = frozenset()
         self._face: Feature | None = None
         self.is_beside = True
 
@@ -176,9 +176,9 @@ class UnionPair(ContactPair):
 
     def piece_pair(self, number: int) -> PiecePair:
         """A pair of pieces, by its place among all; made when it comes near first."""
-        if number not in self._made:
-            self._made[number] = PiecePair(self._system, self, *self._pieces[number])
-        return self._made[number]
+        if number not in self._known:
+            self._known[number] = PiecePair(self._system, self, *self._pieces[number])
+        return self._known[number]
 
     def _lower_bounds(self, data: Any) -> FloatArray:
         """Distances of the spheres around the pieces of all pairs, m, (n,): no gap is smaller."""
@@ -221,8 +221,8 @@ class UnionPair(ContactPair):
 
     def hold(self, patches: Collection[str]) -> None:
         """Note the patches that persistent contact holds: while it holds none, nothing is joined."""
-        self.held = frozenset(patches)
-        if not self.held:
+        self.closed_patches = frozenset(patches)
+        if not self.closed_patches:
             self.joined = frozenset()
 
     def join(self, model: Any, data: Any) -> None:
@@ -270,7 +270,9 @@ class UnionPair(ContactPair):
         """Proximity of two pieces that touch, with the normals of the unions: the patch that approaches fastest."""
         # Gaps of a patch that is held drift by the truncation error of a step: that is no approach.
         patches = [
-            replace(near, rate_tolerance=CLOSED_RATE / RATE * near.rate_tolerance) if near.patch in self.held else near
+            replace(near, rate_tolerance=CLOSED_RATE / RATE * near.rate_tolerance)
+            if near.patch in self.closed_patches
+            else near
             for near in self._patches(model, data, [(pair, alone)])
         ]
         return min(patches, key=lambda near: near.rate + near.rate_tolerance)
@@ -311,12 +313,12 @@ class UnionPair(ContactPair):
             return [level]
         clauses = [separating_normals(one, other) for one in a.values() for other in b.values()]
         # Surfaces that overlap by rounding have no normal that parts them: the other pieces there decide.
-        found = cells([clause for clause in clauses if len(clause)])
-        if not found or not len(found[0]):
+        choices = cells([clause for clause in clauses if len(clause)])
+        if not choices or not len(choices[0]):
             return [near.normal]
         there = point[None]
         moves = self._velocity(data, self.body_b, self._root2, there) - self._velocity(data, self.body_a, self._root1, there)
-        return [*chosen_cell(found, moves[0], near.rate_tolerance, near.normal)]
+        return [*chosen_cell(choices, moves[0], near.rate_tolerance, near.normal)]
 
     def _there(self, side: Side, model: Any, data: Any, point: FloatArray) -> dict[Piece, FloatArray]:
         """Pieces of a side that have a point on their surface, with the normals there."""

@@ -83,7 +83,7 @@ def _of_patch(near: UnionProximity, model: Any, data: Any) -> tuple[Feature, ...
     """Features at the points of a patch of two unions: those of its pieces, on the faces and edges of the unions."""
     sides = near.pieces[0].union.sides
     bodies = Body(model, sides[0].body), Body(model, sides[1].body)
-    found: list[tuple[GapFunction, FeatureState]] = []
+    closed: list[tuple[GapFunction, FeatureState]] = []
     faces: dict[tuple[int, Vector, float], Face] = {}
     for on_face in (True, False):
         for pair in near.pieces:
@@ -93,12 +93,12 @@ def _of_patch(near: UnionProximity, model: Any, data: Any) -> tuple[Feature, ...
                 state = united.at(data)
                 # Points of seams are no corners of the patch, and a corner over a seam is found by both pieces.
                 at_corner = any(math.dist(state.point, point) <= SAME_POINT_M for point in near.points)
-                if at_corner and all(math.dist(state.point, other.point) > FEATURE_BOUND_M for _, other in found):
-                    found.append((united, state))
+                if at_corner and all(math.dist(state.point, other.point) > FEATURE_BOUND_M for _, other in closed):
+                    closed.append((united, state))
         # The highest-dimensional contact wins, as between two geoms.
-        if found:
+        if closed:
             break
-    return tuple(feature for feature, _ in found)
+    return tuple(feature for feature, _ in closed)
 
 
 def _united(feature: GapFunction, sides: tuple[Side, Side], faces: dict[tuple[int, Vector, float], Face]) -> GapFunction:

@@ -296,8 +296,8 @@ class ClosedContacts:
 
         See :func:`points_at_rest`.
         """
-        found = [point for near, still in patches for point in points_at_rest(self._scene, pair, near, still)]
-        self.set_points(pair, found)
+        points = [point for near, still in patches for point in points_at_rest(self._scene, pair, near, still)]
+        self.set_points(pair, points)
         self.join(pair)
 
     def join(self, pair: UnilateralConstraint) -> None:
