@@ -6,6 +6,10 @@ whole arrays, for which numpy takes less time than a descent node by node throug
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
+from heapq import heapify, heappop
+
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
@@ -28,6 +32,8 @@ class BoxTree:
             bounds: Least and greatest coordinates of the boxes, (n, 2, 3), n > 0, m.
         """
         self.bounds = np.stack((bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)))
+        self._centre, self._half = self.bounds.mean(axis=0), 0.5 * (self.bounds[1] - self.bounds[0])
+        self._radius = float(np.linalg.norm(self._half))
         self._ids = _sorted(bounds.mean(axis=1), np.arange(len(bounds)))
         lower, upper = bounds[self._ids].swapaxes(0, 1)
         self._boxes = _Boxes(np.ascontiguousarray(lower), np.ascontiguousarray(upper))
@@ -36,10 +42,10 @@ class BoxTree:
 
     def near(self, lower: FloatArray, upper: FloatArray, reach: float) -> IntArray:
         """Ids of the boxes that are no farther than a reach from a box, both in the axes of this solid, ascending, (k,)."""
-        box = _Boxes(lower[None], upper[None])
-        blocks = np.flatnonzero(self._blocks.squared_gaps(box) <= reach * reach)
+        box, squared = _Boxes(lower, upper), reach * reach
+        blocks = np.flatnonzero(self._blocks.squared_distances(box) <= squared)
         members, _ = _expanded(blocks, blocks, len(self._ids))
-        near = self._boxes.part(members).squared_gaps(box)[:, 0] <= reach * reach
+        near = self._boxes.part(members).squared_distances(box) <= squared
         return np.sort(self._ids[members[near]])
 
     def pairs(self, other: BoxTree, rotation: FloatArray, position: FloatArray, reach: float) -> IntArray:
@@ -53,10 +59,12 @@ class BoxTree:
             position: Origin of the other solid in the axes of this one, (3,), m.
             reach: Farther pairs are left out, m.
         """
+        # Of solids that are apart, as they nearly always are, the sphere around one is clear of the box of the other.
+        outside = np.abs(rotation @ other._centre + position - self._centre) - self._half
+        if float(np.linalg.norm(np.maximum(outside, 0.0))) > other._radius + reach:
+            return np.empty((0, 2), dtype=np.intp)
         squared, blocks = reach * reach, other._blocks.turned(rotation, position)
         ours, theirs = np.nonzero(self._blocks.squared_gaps(blocks) <= squared)
-        if not len(ours):  # nearly always: the solids are apart
-            return np.empty((0, 2), dtype=np.intp)
         # Of a pair of blocks first the boxes of one that are near the other block: few are near the seam of both.
         ours, theirs = _expanded(ours, theirs, len(self._ids))
         near = self._boxes.part(ours).squared_distances(blocks.part(theirs)) <= squared
@@ -65,6 +73,32 @@ class BoxTree:
         near = self._boxes.part(ours).squared_distances(turned) <= squared
         pairs = np.stack((self._ids[ours[near]], other._ids[theirs[near]]), axis=1)
         return np.asarray(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))])
+
+    def nearest_first(
+        self, other: BoxTree, rotation: FloatArray, position: FloatArray, limit: float
+    ) -> Iterator[tuple[float, int, int]]:
+        """Distances of the boxes of pairs in m, ascending, and the pairs, up to a limit in m; see :meth:`pairs`.
+
+        No pair of pieces is nearer than its boxes: who seeks the nearest pieces stops at the first distance that exceeds
+        theirs, before most blocks have been looked into.
+        """
+        blocks, boxes = (level.turned(rotation, position) for level in (other._blocks, other._boxes))
+        squared = self._blocks.squared_gaps(blocks)
+        near = np.flatnonzero(squared.ravel() <= limit * limit)
+        order = near[np.argsort(squared.ravel()[near], kind="stable")].tolist()
+        waiting: list[tuple[float, int, int]] = []
+        for block in order:
+            k, i = (slice(start * _BLOCK, (start + 1) * _BLOCK) for start in divmod(block, len(blocks)))
+            least = float(squared.flat[block])
+            while waiting and waiting[0][0] <= least:
+                distance, one, two = heappop(waiting)
+                yield math.sqrt(distance), one, two
+            gaps = self._boxes.part(k).squared_gaps(boxes.part(i))
+            ours, theirs = np.nonzero(gaps <= limit * limit)
+            ids = self._ids[k][ours].tolist(), other._ids[i][theirs].tolist()
+            waiting += zip(gaps[ours, theirs].tolist(), *ids, strict=True)
+            heapify(waiting)
+        yield from ((math.sqrt(distance), one, two) for distance, one, two in sorted(waiting))
 
     def lower_bound(self, other: BoxTree, rotation: FloatArray, position: FloatArray) -> float:
         """A distance in m that the pieces of both solids are at least apart: that of their blocks; see :meth:`pairs`."""
@@ -80,7 +114,7 @@ class _Boxes:
     def __len__(self) -> int:
         return len(self.lower)
 
-    def part(self, places: IntArray) -> _Boxes:
+    def part(self, places: IntArray | slice) -> _Boxes:
         return _Boxes(self.lower[places], self.upper[places])
 
     def turned(self, rotation: FloatArray, position: FloatArray) -> _Boxes:
@@ -96,7 +130,7 @@ class _Boxes:
         return np.asarray(np.einsum("nmi,nmi->nm", gaps, gaps))
 
     def squared_distances(self, other: _Boxes) -> FloatArray:
-        """Squared distances of boxes from their counterparts, (n,), m2."""
+        """Squared distances of boxes from their counterparts, or from one box, (n,), m2."""
         gaps = np.maximum(np.maximum(self.lower - other.upper, other.lower - self.upper), 0.0)
         return np.asarray(np.einsum("ni,ni->n", gaps, gaps))
 

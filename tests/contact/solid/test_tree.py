@@ -55,6 +55,10 @@ def test_pairs_and_lower_bound(count, others):
         pairs = tree.pairs(other_tree, rotation, position, reach)
         assert pairs.tolist() == np.argwhere(distances <= reach).tolist()
         seen += len(pairs)
+        listed = [*tree.nearest_first(other_tree, rotation, position, 10.0 * reach)]
+        assert [distance for distance, *_ in listed] == sorted(distance for distance, *_ in listed)
+        assert sorted([k, i] for _, k, i in listed) == np.argwhere(distances <= 10.0 * reach).tolist()
+        assert all(near == pytest.approx(distances[k, i], abs=1e-14) for near, k, i in listed)
         # Only the boxes of blocks may be nearer than those of the pieces; coordinates of 10 m are known to 1e-15 m.
         assert 0.0 <= tree.lower_bound(other_tree, rotation, position) <= distances.min() + 1e-14
     assert seen
