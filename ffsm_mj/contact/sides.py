@@ -6,21 +6,26 @@ body.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.features.body_motion import Vector
-from ffsm_mj.contact.patch import corners_across
+from ffsm_mj.contact.features.cores import Face, Line, Point, RegionFace
 from ffsm_mj.contact.shape import Part
+from ffsm_mj.contact.solid.edges import UnionEdges
+from ffsm_mj.contact.solid.faces import UnionFaces
+from ffsm_mj.contact.solid.tree import BoxTree
+from ffsm_mj.contact.solid.welding import Welded, weld
 from ffsm_mj.model.system import System
 from ffsm_mj.polytope import Polytope, box, hull_of
-from ffsm_mj.tolerances import MESH_PRECISION
+from ffsm_mj.tolerances import CONTACT_GAP_M, MERGED_M, MESH_PRECISION
 
 _BOX, _MESH = int(mujoco.mjtGeom.mjGEOM_BOX), int(mujoco.mjtGeom.mjGEOM_MESH)
 _TOUCHING_M, _NEAR_M = 1e-6, 1e-3
@@ -36,6 +41,7 @@ class Piece:
         geom: Id of the geom that it is, or is a part of.
         part: The part, for pieces of meshes and for boxes that the weld has moved; None for a geom as it is.
         kind: Type of the geom.
+        middle: Middle of the geom, axes of the body, m, (3,).
         centre: Centre of a sphere around it, axes of the body, m, (3,).
         radius: Radius of that sphere, m.
         half_width: Half its thinnest extent, m.
@@ -46,6 +52,7 @@ class Piece:
     geom: int
     part: Part | None
     kind: int
+    middle: FloatArray
     centre: FloatArray
     radius: float
     half_width: float
@@ -57,56 +64,95 @@ class Piece:
         return self.polytope is None
 
 
-@dataclass(frozen=True, eq=False)
 class Side:
     """A rigid body as the union of its pieces.
 
     Attributes:
         body: Body whose axes are those of the pieces.
         pieces: Its pieces.
+        tree: Boxes around them.
+        welded: Those of them that are polytopes, on common planes; None without any.
     """
 
-    body: int
-    pieces: tuple[Piece, ...]
-
-    @cached_property
-    def centres(self) -> FloatArray:
-        """Centres of the spheres around the pieces, axes of the body, m, (n, 3)."""
-        return np.array([piece.centre for piece in self.pieces])
-
-    @cached_property
-    def radii(self) -> FloatArray:
-        """Radii of these spheres, m, (n,)."""
-        return np.array([piece.radius for piece in self.pieces])
+    def __init__(
+        self, body: int, pieces: tuple[Piece, ...], bounds: FloatArray, welded: Welded | None, weld_m: float
+    ) -> None:
+        """Take the pieces; ``bounds`` are their boxes, (n, 2, 3), m."""
+        self.body, self.pieces, self.tree, self.welded = body, pieces, BoxTree(bounds), welded
+        self._bounds, self._tolerance = bounds, max(weld_m, CONTACT_GAP_M)
+        self.centres: FloatArray = np.array([piece.centre for piece in pieces])
+        self.radii: FloatArray = np.array([piece.radius for piece in pieces])
 
     @cached_property
     def most_vertices(self) -> int:
         """Largest number of vertices of a part; 0 without parts."""
         return max((len(piece.part.polytope.vertices) for piece in self.pieces if piece.part is not None), default=0)
 
-    def outline(self, normal: Sequence[float], level: float) -> tuple[tuple[Vector, float], ...]:
-        """Sides of the face of the union in a plane, axes of the body; see :class:`.features.cores.Face`."""
-        corners = [
-            piece.polytope.vertices[list(face)]
-            for piece in self.pieces
-            if piece.polytope is not None
-            for face, n, d in zip(piece.polytope.faces, piece.polytope.normals, piece.polytope.offsets, strict=True)
-            if n @ normal > 1.0 - 1e-12 and abs(d - level) <= 1e-9
-        ]
-        points = np.vstack(corners)
-        points = points[corners_across(points, np.array(normal))]
-        out = []
-        for start, end in zip(points, np.roll(points, -1, axis=0), strict=True):
-            inwards = np.cross(normal, end - start)
-            inwards /= np.linalg.norm(inwards)
-            x, y, z = inwards.tolist()
-            out.append(((x, y, z), float(inwards @ start)))
-        return tuple(out)
-
     def radius_about(self, geom: int) -> float:
         """Radius of the sphere around the middle of a geom that contains all pieces, m."""
-        middle = next(piece.centre for piece in self.pieces if piece.geom == geom)
-        return max(float(np.linalg.norm(piece.centre - middle)) + piece.radius for piece in self.pieces)
+        middle = next(piece.middle for piece in self.pieces if piece.geom == geom)
+        return float((np.linalg.norm(self.centres - middle, axis=1) + self.radii).max())
+
+    def at(self, point: FloatArray, reach: float) -> list[Piece]:
+        """Pieces whose boxes are within a reach of a point, axes of the body, m."""
+        return [self.pieces[k] for k in self.tree.near(point, point, reach).tolist()]
+
+    @cached_property
+    def _faces(self) -> UnionFaces:
+        assert self.welded is not None
+        return UnionFaces(self.welded, self._tolerance)
+
+    @cached_property
+    def _edges(self) -> UnionEdges:
+        assert self.welded is not None
+        tree = BoxTree(np.array([polytope.bounds for polytope in self.welded.pieces]))
+        return UnionEdges(self.welded, tree, self._tolerance)
+
+    def face(self, face: Face, piece: Piece, place: Vector) -> Face:
+        """A face of a piece with the outline of that of the union; axes of the body.
+
+        Args:
+            face: The face of the piece.
+            piece: The piece.
+            place: A point on it.
+        """
+        if piece.polytope is None:
+            return face
+        assert self.welded is not None
+        k = int(np.argmax(piece.polytope.normals @ face.normal))
+        united = self._faces.at(self.welded.planes[piece.number][k])
+        region = max(united, key=lambda one: one.inside(np.array(place)))
+        x, y, z = (region.offset * region.normal).tolist()
+        a, b, c = region.normal.tolist()
+        if region.sides:
+            return replace(face, centre=(x, y, z), normal=(a, b, c), sides=region.sides)
+        return RegionFace(face.name, face.body, (x, y, z), (a, b, c), (), region=region)
+
+    def edge(self, line: Line, piece: Piece) -> Line:
+        """An edge of a piece as far as it is one edge of the union; axes of the body."""
+        if piece.polytope is None or line.radius > 0.0:
+            return line
+        for edge in self._edges.of(piece.number):
+            offset = np.array(line.centre) - edge.start
+            along = float(offset @ edge.direction)
+            apart = float(np.linalg.norm(offset - along * edge.direction))
+            if apart <= self._tolerance and 0.0 <= along <= (length := float((edge.end - edge.start) @ edge.direction)):
+                x, y, z = (edge.start + 0.5 * length * edge.direction).tolist()
+                sense = math.copysign(1.0, float(edge.direction @ line.direction))
+                a, b, c = (sense * edge.direction).tolist()
+                wedge = tuple((u, v, w) for u, v, w in edge.into.tolist()) if line.wedge else ()
+                cone = np.array(wedge).reshape(-1, 3)
+                ends = tuple(
+                    Point("vertex", line.body, _vector(place), 0.0, cone) for place in (edge.start, edge.end)[:: int(sense)]
+                )
+                centre, direction = (x, y, z), (a, b, c)
+                return replace(line, centre=centre, direction=direction, half=0.5 * length, wedge=wedge, ends=ends)
+        return line
+
+
+def _vector(array: FloatArray) -> Vector:
+    x, y, z = array.tolist()
+    return x, y, z
 
 
 class Sides:
@@ -166,22 +212,42 @@ class Sides:
         return self._known[body]
 
     def _side(self, body: int, geoms: Sequence[int]) -> Side:
-        model = self._system.mj
+        model, pieces = self._system.mj, self._system.pieces
+        poses = {geom: _pose_in(model, body, geom) for geom in geoms}
+        # Polytopes first: their numbers are those of the welded pieces.
+        sources = [geom for geom in geoms for _ in range(_count(model, geom, pieces))]
+        polytopes = [
+            polytope.moved(position, rotation)
+            for geom, (rotation, position) in poses.items()
+            for polytope in _polytopes(model, geom, pieces)
+        ]
+        welded = weld(polytopes, self._weld_m, sources) if polytopes else None
         parts: list[Piece] = []
-        for geom in geoms:
-            rotation, position = _pose_in(model, body, geom)
-            kind = int(model.geom_type[geom])
-            for polytope in _polytopes(model, geom, self._system.pieces):
-                placed = polytope.moved(position, rotation)
-                # A box that stays where it is remains a geom: its planes are exact, and its queries are MuJoCo's.
-                part = Part.of(body, placed) if geom in self._system.pieces or kind == _MESH else None
-                centre = placed.vertices.mean(axis=0)
-                radius = float(np.linalg.norm(placed.vertices - centre, axis=1).max())
-                parts.append(Piece(len(parts), geom, part, kind, centre, radius, 0.5 * placed.thickness, placed))
-            if not parts or parts[-1].geom != geom:
-                radius, half = float(model.geom_rbound[geom]), float(model.geom_aabb[geom, 3:].min())
-                parts.append(Piece(len(parts), geom, None, kind, position, radius, half, None))
-        return Side(body, tuple(parts))
+        for geom, before, after in zip(sources, polytopes, welded.pieces if welded else (), strict=True):
+            parts.append(self._polytope(body, geom, poses[geom][1], len(parts), before, after))
+        bounds = [piece.polytope.bounds for piece in parts if piece.polytope is not None]
+        for geom, (rotation, position) in poses.items():
+            if geom not in sources:
+                radius, half = float(model.geom_rbound[geom]), model.geom_aabb[geom, 3:]
+                middle, reach = position + rotation @ model.geom_aabb[geom, :3], np.abs(rotation) @ half
+                bounds.append(np.stack((middle - reach, middle + reach)))
+                kind = int(model.geom_type[geom])
+                parts.append(Piece(len(parts), geom, None, kind, position, position, radius, float(half.min()), None))
+        return Side(body, tuple(parts), np.array(bounds), welded, self._weld_m)
+
+    def _polytope(self, body: int, geom: int, middle: FloatArray, number: int, before: Polytope, after: Polytope) -> Piece:
+        kind = int(self._system.mj.geom_type[geom])
+        # A box that stays where it is remains a geom: its planes are exact, and its queries are MuJoCo's.
+        stays = kind == _BOX and float(np.abs(after.vertices - before.vertices).max()) <= MERGED_M
+        part = None if stays else Part.of(body, after)
+        centre = after.vertices.mean(axis=0)
+        radius = float(np.linalg.norm(after.vertices - centre, axis=1).max())
+        return Piece(number, geom, part, kind, middle, centre, radius, 0.5 * after.thickness, after)
+
+
+def _count(model: Any, geom: int, pieces: Mapping[int, tuple[Polytope, ...]]) -> int:
+    """Number of polytopes of a geom."""
+    return len(pieces[geom]) if geom in pieces else int(model.geom_type[geom] in (_BOX, _MESH))
 
 
 def _polytopes(model: Any, geom: int, pieces: Mapping[int, tuple[Polytope, ...]]) -> tuple[Polytope, ...]:

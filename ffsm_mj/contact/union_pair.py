@@ -36,6 +36,8 @@ from ffsm_mj.tolerances import CLOSED_RATE, CONTACT_GAP_M, DISTANCE_QUERY_M, RAT
 _AT_POINT_M = 2.0 * CONTACT_GAP_M
 """Pieces within this of a contact point meet there: the point is midway of a gap of CONTACT_GAP_M, on faces that the
 weld has made one."""
+_FURTHER = 2.0
+"""A search for the nearest pieces that has looked so far looks this many times further next."""
 _QUERY_M = 1e-3
 """Limit of queries that look for pieces in contact: a small limit ends a query early."""
 _ONE_NORMAL = 1e-9
@@ -147,10 +149,8 @@ class UnionPair(ContactPair):
         super().__init__(system, name, *first, restitution, mu, rule=rule)
         self.body_a, self.body_b = (side.body for side in sides)
         self.position_tolerance = 0.0
-        self._pieces = [(a, b) for a in sides[0].pieces for b in sides[1].pieces if (a.geom, b.geom) in self._geoms]
+        self._allowed = np.array([[(a.geom, b.geom) in self._geoms for b in sides[1].pieces] for a in sides[0].pieces])
         self._known: dict[int, PiecePair] = {}
-        self._numbers = np.array([(a.number, b.number) for a, b in self._pieces]).T
-        self._spheres: FloatArray = np.array([a.radius + b.radius for a, b in self._pieces])
         a, b = sides
         self._radii = a.radius_about(first[0]), b.radius_about(first[1])
         self.joined: frozenset[int] = frozenset()
@@ -177,39 +177,51 @@ class UnionPair(ContactPair):
     def piece_pair(self, number: int) -> PiecePair:
         """A pair of pieces, by its place among all; made when it comes near first."""
         if number not in self._known:
-            self._known[number] = PiecePair(self._system, self, *self._pieces[number])
+            (a, b), (i, k) = self.sides, divmod(number, len(self.sides[1].pieces))
+            self._known[number] = PiecePair(self._system, self, a.pieces[i], b.pieces[k])
         return self._known[number]
 
-    def _lower_bounds(self, data: Any) -> FloatArray:
-        """Distances of the spheres around the pieces of all pairs, m, (n,): no gap is smaller."""
-        a, b = (data.xpos[side.body] + side.centres @ data.xmat[side.body].reshape(3, 3).T for side in self.sides)
-        apart = b[self._numbers[1]] - a[self._numbers[0]]
-        return np.asarray(np.sqrt(np.einsum("ij,ij->i", apart, apart)) - self._spheres)
+    def _between(self, data: Any) -> tuple[FloatArray, FloatArray]:
+        """Rotation and position of the axes of b in those of a."""
+        (a, b), axes = self.sides, data.xmat[self.sides[0].body].reshape(3, 3)
+        return axes.T @ data.xmat[b.body].reshape(3, 3), (data.xpos[b.body] - data.xpos[a.body]) @ axes
+
+    def _numbers(self, data: Any, reach: float) -> list[int]:
+        """Numbers of the pairs of pieces whose boxes are within a reach in m."""
+        a, b = self.sides
+        near = a.tree.pairs(b.tree, *self._between(data), reach)
+        numbers: list[int] = (near[:, 0] * len(b.pieces) + near[:, 1])[self._allowed[near[:, 0], near[:, 1]]].tolist()
+        return numbers
 
     def within(self, model: Any, data: Any, reach: float, leave_out: Collection[int] = ()) -> list[tuple[float, int]]:
         """Gaps, as queries say, and numbers of the pairs of pieces that are within a reach in m, the nearest first."""
-        near = np.flatnonzero(self._lower_bounds(data) <= reach).tolist()
-        gaps = ((self.piece_pair(k).gap(model, data, reach), k) for k in near if k not in leave_out)
+        near = (k for k in self._numbers(data, reach) if k not in leave_out)
+        gaps = ((self.piece_pair(k).gap(model, data, reach), k) for k in near)
         return sorted((gap, k) for gap, k in gaps if gap < reach)
 
     def gap(self, model: Any, data: Any, limit: float = FAR_M) -> float:
         """Signed distance in m of the unions from distance queries; ``limit`` if it is larger."""
-        return self.gap_without((), model, data, limit)
+        return self._nearest((), model, data, limit)[0]
 
-    def gap_without(self, leave_out: Collection[int], model: Any, data: Any, limit: float) -> float:
-        """The same without some pairs of pieces."""
-        bounds = self._lower_bounds(data)
-        least = limit
-        for k in np.argsort(bounds, kind="stable").tolist():
-            if bounds[k] >= least:
-                break
-            if k not in leave_out:
-                least = min(least, self.piece_pair(k).gap(model, data, least))
-        return least
+    def _nearest(self, leave_out: Collection[int], model: Any, data: Any, limit: float) -> tuple[float, int]:
+        """The least gap of all pairs of pieces but some, m, and the number of that pair; the limit if it is larger."""
+        a, b = self.sides
+        reach = min(limit, _FURTHER * a.tree.lower_bound(b.tree, *self._between(data)) + _QUERY_M)
+        seen: set[int] = set(leave_out)
+        best = limit, -1
+        while True:
+            for k in self._numbers(data, min(reach, best[0])):
+                if k not in seen:
+                    seen.add(k)
+                    best = min(best, (self.piece_pair(k).gap(model, data, best[0]), k))
+            # No box that is farther than the reach has a nearer piece.
+            if best[0] <= reach or reach >= limit:
+                return best
+            reach = min(limit, best[0], _FURTHER * reach)
 
     def watched_gap(self, model: Any, data: Any, limit: float) -> float:
         """The same without the pieces that are joined."""
-        return self.gap_without(self.joined, model, data, limit)
+        return self._nearest(self.joined, model, data, limit)[0]
 
     def apart_within(self, model: Any, data: Any, reach: float) -> list[PiecePair]:
         """Pairs of pieces within a reach in m that are not joined."""
@@ -254,17 +266,9 @@ class UnionPair(ContactPair):
         touching = [(pair, one) for pair, one in alone if one.gap <= CONTACT_GAP_M]
         if touching:
             return self._patches(model, data, touching)
-        return (min((one for _, one in alone), key=lambda one: one.gap),) if alone else (self._nearest(model, data),)
-
-    def _nearest(self, model: Any, data: Any) -> Proximity:
-        """Proximity of the pieces that are nearest to each other, of unions that are apart."""
-        bounds, nearest, least = self._lower_bounds(data), 0, math.inf
-        for k in np.argsort(bounds, kind="stable").tolist():
-            if bounds[k] >= least:
-                break
-            gap = self.piece_pair(k).gap(model, data, DISTANCE_LIMIT_M)
-            nearest, least = (k, gap) if gap < least else (nearest, least)
-        return self.piece_pair(nearest).alone(model, data)
+        if alone:
+            return (min((one for _, one in alone), key=lambda one: one.gap),)
+        return (self.piece_pair(self._nearest((), model, data, DISTANCE_LIMIT_M)[1]).alone(model, data),)
 
     def at_pieces(self, model: Any, data: Any, pair: PiecePair, alone: Proximity) -> Proximity:
         """Proximity of two pieces that touch, with the normals of the unions: the patch that approaches fastest."""
@@ -323,10 +327,8 @@ class UnionPair(ContactPair):
     def _there(self, side: Side, model: Any, data: Any, point: FloatArray) -> dict[Piece, FloatArray]:
         """Pieces of a side that have a point on their surface, with the normals there."""
         local = (point - data.xpos[side.body]) @ data.xmat[side.body].reshape(3, 3)
-        reached = np.linalg.norm(side.centres - local, axis=1) <= side.radii + _AT_POINT_M
         there = {}
-        for k in np.flatnonzero(reached).tolist():
-            piece = side.pieces[k]
+        for piece in side.at(local, _AT_POINT_M):
             normals = Shape(model, data, piece.geom, piece.part).normals_at(point, _AT_POINT_M)
             if normals is not None and len(normals):
                 there[piece] = normals

@@ -8,6 +8,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.features.body_motion import Body, BodyMotion, Vector, cross, dot, minus, scaled, shifted, unit
@@ -117,6 +120,21 @@ class Face:
     def aligned(self, normal: Vector) -> Face:
         """The face with another normal (body axes)."""
         return replace(self, normal=normal)
+
+
+@dataclass(frozen=True)
+class RegionFace(Face):
+    """A face of a union that is not convex.
+
+    Attributes:
+        region: The face.
+    """
+
+    region: Any = None
+
+    def inside(self, point: Vector) -> float:
+        """Distance in m by which the projection of a point (body axes) is inside the outline."""
+        return float(self.region.inside(np.array(point)))
 
 
 @dataclass(frozen=True)

@@ -14,14 +14,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import fields, replace
+from dataclasses import fields
 from typing import Any
 
 import mujoco
-import numpy as np
 
 from ffsm_mj.contact.features.body_motion import Body, Vector, cross, dot, minus, shifted
-from ffsm_mj.contact.features.cores import Circle, Core, Curve, Ellipsoid, Face, Line, Point
+from ffsm_mj.contact.features.cores import Circle, Core, Curve, Ellipsoid, Face, Line, Point, RegionFace
 from ffsm_mj.contact.features.gap_function import Feature, FeatureState, GapFunction
 from ffsm_mj.contact.features.outline import CylinderOutline, EllipsoidOutline, Outline, PlaneOutline, PolytopeOutline
 from ffsm_mj.contact.features.point_line_gaps import LineOnCurve, PointOnCurve, PointOnFace, PointOnPoint
@@ -30,8 +29,8 @@ from ffsm_mj.contact.features.round_gaps import EllipsoidOnEllipsoid, OnEllipsoi
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.patch import flush_offset, lie_along
 from ffsm_mj.contact.proximity import Proximity
-from ffsm_mj.contact.sides import Side
-from ffsm_mj.contact.union_pair import UnionProximity
+from ffsm_mj.contact.solid.faces import UnionFace
+from ffsm_mj.contact.union_pair import PiecePair, UnionProximity
 from ffsm_mj.state import StateError
 from ffsm_mj.tolerances import CONTACT_GAP_M, FEATURE_BOUND_M, PARALLEL, SAME_POINT_M
 
@@ -42,8 +41,6 @@ _OUTLINES: dict[int, type[Outline]] = {
 }
 _FIRST: tuple[type[Core], ...] = (Face, Ellipsoid, Circle, Line, Point)
 """The first of two cores is the one whose kind comes first here."""
-_PLACES = 7
-"""Decimals to which planes of one body agree if they are one."""
 _NAMES = ("sphere", "end", "side", "rim", "ellipsoid", "vertex", "edge", "cap", "face")
 """Names of two cores of one kind are given in this order."""
 
@@ -84,12 +81,11 @@ def _of_patch(near: UnionProximity, model: Any, data: Any) -> tuple[Feature, ...
     sides = near.pieces[0].union.sides
     bodies = Body(model, sides[0].body), Body(model, sides[1].body)
     closed: list[tuple[GapFunction, FeatureState]] = []
-    faces: dict[tuple[int, Vector, float], Face] = {}
     for on_face in (True, False):
         for pair in near.pieces:
             search = _search(pair, model, data, near, bodies)
             for feature in search.on_faces() if on_face else search.all():
-                united = _united(feature, sides, faces)
+                united = _united(feature, data, pair)
                 state = united.at(data)
                 # Points of seams are no corners of the patch, and a corner over a seam is found by both pieces.
                 at_corner = any(math.dist(state.point, point) <= SAME_POINT_M for point in near.points)
@@ -101,25 +97,25 @@ def _of_patch(near: UnionProximity, model: Any, data: Any) -> tuple[Feature, ...
     return tuple(feature for feature, _ in closed)
 
 
-def _united(feature: GapFunction, sides: tuple[Side, Side], faces: dict[tuple[int, Vector, float], Face]) -> GapFunction:
-    """A feature of two pieces with the face of the union in place of that of a piece.
+def _united(feature: GapFunction, data: Any, pair: PiecePair) -> GapFunction:
+    """A feature of two pieces on the faces and edges of their unions.
 
-    Args:
-        feature: The feature.
-        sides: The rigid bodies a and b.
-        faces: Faces of the unions so far, to which this is added: all points over one plane have one face, so that
-            crossing a seam changes no number.
+    All points over one plane then have one face, and the edges of several pieces on one line are one edge: crossing a seam
+    changes no number.
     """
-    kind, name, swapped, face, other, *rest = type(feature), *feature.arguments
-    if not isinstance(face, Face) or face.disc > 0.0 or not face.sides:
-        return feature
-    x, y, z = np.round(face.normal, _PLACES).tolist()
-    key = int(swapped), (x, y, z), round(dot(face.normal, face.centre), _PLACES)
-    if key not in faces:
-        outline = sides[1 if swapped else 0].outline(face.normal, dot(face.normal, face.centre))
-        faces[key] = replace(face, sides=outline)
-    arguments: tuple[Any, ...] = (name, swapped, faces[key], other, *rest)
-    united = kind(*arguments)
+    name, swapped, first, second, *rest = feature.arguments
+    sides = pair.union.sides[:: -1 if swapped else 1]
+    pieces, point = pair.pieces[:: -1 if swapped else 1], feature.at(data).point.tolist()
+    cores: list[Core] = []
+    for core, side, piece in zip((first, second), sides, pieces, strict=True):
+        if isinstance(core, Face) and core.sides:
+            motion = core.body.motion(data)
+            x, y, z = point
+            cores.append(side.face(core, piece, motion.local(minus((x, y, z), motion.origin))))
+        else:
+            cores.append(side.edge(core, piece) if isinstance(core, Line) else core)
+    arguments: tuple[Any, ...] = (name, swapped, *cores, *rest)
+    united = type(feature)(*arguments)
     united.set_state(feature.get_state())
     return united
 
@@ -345,7 +341,7 @@ def gap_function(a: Core, b: Core, sense: float) -> GapFunction | None:
 
 _GAPS = (PointOnFace, PointOnPoint, PointOnCurve, LineOnCurve, RimOnRim, SideOnRim, RimOnEllipsoid)
 _KINDS = {kind.__name__: kind for kind in (*_GAPS, RoundOnFace, OnEllipsoid, EllipsoidOnEllipsoid)}
-_CORES = {kind.__name__: kind for kind in (Point, Line, Face, Circle, Ellipsoid)}
+_CORES = {kind.__name__: kind for kind in (Point, Line, Face, RegionFace, Circle, Ellipsoid)}
 
 
 class StoredFeatures:
@@ -387,6 +383,8 @@ class StoredFeatures:
         if type(part).__name__ in _CORES:
             named = {field.name: self._as_data(getattr(part, field.name)) for field in fields(part)}
             return {"core": type(part).__name__, "of": named}
+        if isinstance(part, UnionFace):
+            return {"region": part.to_plain()}
         return tuple(map(self._as_data, part)) if isinstance(part, tuple) else part
 
     def _from_data(self, to_plain: Any) -> Any:
@@ -394,6 +392,8 @@ class StoredFeatures:
             return tuple(map(self._from_data, to_plain))
         if not isinstance(to_plain, Mapping):
             return to_plain
+        if "region" in to_plain:
+            return UnionFace.from_plain(to_plain["region"])
         if "core" in to_plain:
             return _CORES[to_plain["core"]](**{name: self._from_data(part) for name, part in to_plain["of"].items()})
         body, number = to_plain["body"], to_plain["number"]

@@ -6,8 +6,9 @@ all polygons together, which is continuous where the point passes from one to th
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -45,6 +46,21 @@ class UnionFace:
     polygons: tuple[FloatArray, ...]
     boundary: FloatArray
     tolerance: float
+
+    def to_plain(self) -> dict[str, Any]:
+        """As numbers and lists."""
+        arrays = {"normal": self.normal.tolist(), "boundary": self.boundary.tolist()}
+        polygons = [polygon.tolist() for polygon in self.polygons]
+        plain = {"plane": self.plane, "offset": self.offset, "pieces": self.pieces, "tolerance": self.tolerance}
+        return {**plain, **arrays, "polygons": polygons}
+
+    @classmethod
+    def from_plain(cls, plain: Mapping[str, Any]) -> UnionFace:
+        """The face that :meth:`to_plain` wrote."""
+        index, sense = plain["plane"]
+        polygons = tuple(map(np.array, plain["polygons"]))
+        normal, boundary = np.array(plain["normal"]), np.array(plain["boundary"])
+        return cls((index, sense), normal, plain["offset"], tuple(plain["pieces"]), polygons, boundary, plain["tolerance"])
 
     @cached_property
     def sides(self) -> Sides:
