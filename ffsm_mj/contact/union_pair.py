@@ -31,6 +31,7 @@ from ffsm_mj.contact.proximity import FAR_M, Proximity, SecondRate
 from ffsm_mj.contact.shape import Shape
 from ffsm_mj.contact.sides import Piece, Side
 from ffsm_mj.model.system import System
+from ffsm_mj.state import StateError, entries
 from ffsm_mj.tolerances import CLOSED_RATE, CONTACT_GAP_M, DISTANCE_QUERY_M, RATE
 
 _AT_POINT_M = 2.0 * CONTACT_GAP_M
@@ -157,6 +158,25 @@ class UnionPair(ContactPair):
         self.closed_patches: frozenset[str] = frozenset()
         self._face: Feature | None = None
         self.is_beside = True
+
+    @dataclass
+    class State:
+        """What the pairs of pieces remember, by their numbers."""
+
+        pieces: list[tuple[int, Any]]
+
+    def get_state(self) -> State:
+        """What the pairs of pieces remember."""
+        return self.State([(k, pair.get_state()) for k, pair in sorted(self._known.items())])
+
+    def set_state(self, state: Any) -> None:
+        """Take back what :meth:`get_state` gave."""
+        values = entries(state, self.State)
+        self._known.clear()
+        for number, kept in values["pieces"]:
+            if not 0 <= number < self._allowed.size:
+                raise StateError(f"{self.name} has no pair of pieces {number}")
+            self.piece_pair(number).set_state(kept)
 
     @cached_property
     def probe(self) -> Probe:

@@ -11,6 +11,8 @@ import pytest
 import ffsm_mj
 from ffsm_mj.contact.normal import NormalSearch
 from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact.sides import Sides
+from ffsm_mj.contact.union_pair import UnionPair
 from ffsm_mj.state import StateError, as_mappings
 from tests.contact.features.test_gap_functions import in_contact, moved, pair_of
 from tests.contact.features.test_stored import CASES as FEATURES
@@ -20,7 +22,7 @@ from tests.contact_models.joint_friction.test_chains import SWUNG
 from tests.controllers.detumbling import JETS, POSE, RATES, spacecraft
 from tests.forgetting import classes_with_state, forgetting
 from tests.mechanisms.models import four_bar, mechanism
-from tests.scenes import ball, scene, two_balls
+from tests.scenes import ball, compile_paths, scene, two_balls
 from tests.simulation.restored import is_rest_of, rest
 
 pytestmark = pytest.mark.usefixtures("example_contact_models")
@@ -243,7 +245,38 @@ def test_the_last_normal(tmp_path, rng):
     assert all(differ.values())
 
 
+def test_the_last_normals_of_pieces(tmp_path, rng):
+    """The same of the pieces of a union."""
+    two = shape("ellipsoid").replace("</body>", '<geom name="h" type="sphere" size="0.05" mass="0"/></body>')
+    (tmp_path / "robot.xml").write_text(shape("ellipsoid"))
+    (tmp_path / "other.xml").write_text(two)
+    system = compile_paths(tmp_path / "robot.xml", {"other": tmp_path / "other.xml"})
+    model, data = system.mj, mujoco.MjData(system.mj)
+    ids = [model.geom(name).id for name in ("robot/g", "other/g", "other/h")]
+    sides = Sides(system, ids, 1e-9)
+    both = sides.of(ids[0]), sides.of(ids[1])
+    union = UnionPair(system, "union", both, [(ids[0], k) for k in ids[1:]], 0.5, 0.0, "rule")
+    differ = 0
+    for _ in range(10):
+        in_contact(union, model, data, rng)
+        state = as_mappings(union.get_state())
+        mujoco.mj_integratePos(model, data.qpos, rng.uniform(-1, 1, 12), 1e-5)
+        moved(model, data)
+        expected = union.proximity(model, data).normal.tobytes()
+        union.set_state(state)
+        assert union.proximity(model, data).normal.tobytes() == expected
+        union.set_state({"pieces": []})
+        with forgetting(UnionPair, "pieces"):
+            union.set_state(state)
+        differ += union.proximity(model, data).normal.tobytes() != expected
+    assert differ
+
+
 def test_every_class_is_here():
     """Whatever remembers: here, with the features, or with the control laws."""
-    known = {kind for _, kind, _ in CASES} | {kind.__name__ for kind, _ in FEATURES} | {"ContactPair", "NormalSearch"}
+    known = (
+        {kind for _, kind, _ in CASES}
+        | {kind.__name__ for kind, _ in FEATURES}
+        | {"ContactPair", "NormalSearch", "UnionPair"}
+    )
     assert set(classes_with_state("ffsm_mj")) == known
