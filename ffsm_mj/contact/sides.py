@@ -19,13 +19,11 @@ from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.features.body_motion import Vector
 from ffsm_mj.contact.features.cores import Face, Line, Point, RegionFace
 from ffsm_mj.contact.shape import Part
-from ffsm_mj.contact.solid.edges import UnionEdges
-from ffsm_mj.contact.solid.faces import UnionFaces
+from ffsm_mj.contact.solid.solid import Solid
 from ffsm_mj.contact.solid.tree import BoxTree
-from ffsm_mj.contact.solid.welding import Welded, weld
 from ffsm_mj.model.system import System
 from ffsm_mj.polytope import Polytope, box, hull_of
-from ffsm_mj.tolerances import CONTACT_GAP_M, MERGED_M, MESH_PRECISION
+from ffsm_mj.tolerances import MERGED_M, MESH_PRECISION
 
 _BOX, _MESH = int(mujoco.mjtGeom.mjGEOM_BOX), int(mujoco.mjtGeom.mjGEOM_MESH)
 _TOUCHING_M, _NEAR_M = 1e-6, 1e-3
@@ -71,15 +69,12 @@ class Side:
         body: Body whose axes are those of the pieces.
         pieces: Its pieces.
         tree: Boxes around them.
-        welded: Those of them that are polytopes, on common planes; None without any.
+        solid: Those of them that are polytopes; None without any.
     """
 
-    def __init__(
-        self, body: int, pieces: tuple[Piece, ...], bounds: FloatArray, welded: Welded | None, weld_m: float
-    ) -> None:
+    def __init__(self, body: int, pieces: tuple[Piece, ...], bounds: FloatArray, solid: Solid | None) -> None:
         """Take the pieces; ``bounds`` are their boxes, (n, 2, 3), m."""
-        self.body, self.pieces, self.tree, self.welded = body, pieces, BoxTree(bounds), welded
-        self._bounds, self._tolerance = bounds, max(weld_m, CONTACT_GAP_M)
+        self.body, self.pieces, self.tree, self.solid = body, pieces, BoxTree(bounds), solid
         self.centres: FloatArray = np.array([piece.centre for piece in pieces])
         self.radii: FloatArray = np.array([piece.radius for piece in pieces])
 
@@ -97,17 +92,6 @@ class Side:
         """Pieces whose boxes are within a reach of a point, axes of the body, m."""
         return [self.pieces[k] for k in self.tree.near(point, point, reach).tolist()]
 
-    @cached_property
-    def _faces(self) -> UnionFaces:
-        assert self.welded is not None
-        return UnionFaces(self.welded, self._tolerance)
-
-    @cached_property
-    def _edges(self) -> UnionEdges:
-        assert self.welded is not None
-        tree = BoxTree(np.array([polytope.bounds for polytope in self.welded.pieces]))
-        return UnionEdges(self.welded, tree, self._tolerance)
-
     def face(self, face: Face, piece: Piece, place: Vector) -> Face:
         """A face of a piece with the outline of that of the union; axes of the body.
 
@@ -118,9 +102,9 @@ class Side:
         """
         if piece.polytope is None:
             return face
-        assert self.welded is not None
+        assert self.solid is not None
         k = int(np.argmax(piece.polytope.normals @ face.normal))
-        united = self._faces.at(self.welded.planes[piece.number][k])
+        united = self.solid.faces.at(self.solid.planes[piece.number][k])
         region = max(united, key=lambda one: one.inside(np.array(place)))
         x, y, z = (region.offset * region.normal).tolist()
         a, b, c = region.normal.tolist()
@@ -132,11 +116,12 @@ class Side:
         """An edge of a piece as far as it is one edge of the union; axes of the body."""
         if piece.polytope is None or line.radius > 0.0:
             return line
-        for edge in self._edges.of(piece.number):
+        assert self.solid is not None
+        for edge in self.solid.edges.of(piece.number):
             offset = np.array(line.centre) - edge.start
             along = float(offset @ edge.direction)
             apart = float(np.linalg.norm(offset - along * edge.direction))
-            if apart <= self._tolerance and 0.0 <= along <= (length := float((edge.end - edge.start) @ edge.direction)):
+            if apart <= self.solid.tolerance and 0.0 <= along <= (length := float((edge.end - edge.start) @ edge.direction)):
                 x, y, z = (edge.start + 0.5 * length * edge.direction).tolist()
                 sense = math.copysign(1.0, float(edge.direction @ line.direction))
                 a, b, c = (sense * edge.direction).tolist()
@@ -221,9 +206,9 @@ class Sides:
             for geom, (rotation, position) in poses.items()
             for polytope in _polytopes(model, geom, pieces)
         ]
-        welded = weld(polytopes, self._weld_m, sources) if polytopes else None
+        solid = Solid(polytopes, self._weld_m, sources) if polytopes else None
         parts: list[Piece] = []
-        for geom, before, after in zip(sources, polytopes, welded.pieces if welded else (), strict=True):
+        for geom, before, after in zip(sources, polytopes, solid.pieces if solid else (), strict=True):
             parts.append(self._polytope(body, geom, poses[geom][1], len(parts), before, after))
         bounds = [piece.polytope.bounds for piece in parts if piece.polytope is not None]
         for geom, (rotation, position) in poses.items():
@@ -233,7 +218,7 @@ class Sides:
                 bounds.append(np.stack((middle - reach, middle + reach)))
                 kind = int(model.geom_type[geom])
                 parts.append(Piece(len(parts), geom, None, kind, position, position, radius, float(half.min()), None))
-        return Side(body, tuple(parts), np.array(bounds), welded, self._weld_m)
+        return Side(body, tuple(parts), np.array(bounds), solid)
 
     def _polytope(self, body: int, geom: int, middle: FloatArray, number: int, before: Polytope, after: Polytope) -> Piece:
         kind = int(self._system.mj.geom_type[geom])

@@ -37,8 +37,6 @@ from ffsm_mj.tolerances import CLOSED_RATE, CONTACT_GAP_M, DISTANCE_QUERY_M, RAT
 _AT_POINT_M = 2.0 * CONTACT_GAP_M
 """Pieces within this of a contact point meet there: the point is midway of a gap of CONTACT_GAP_M, on faces that the
 weld has made one."""
-_FURTHER = 2.0
-"""A search for the nearest pieces that has looked so far looks this many times further next."""
 _QUERY_M = 1e-3
 """Limit of queries that look for pieces in contact: a small limit ends a query early."""
 _ONE_NORMAL = 1e-9
@@ -226,18 +224,14 @@ class UnionPair(ContactPair):
     def _nearest(self, leave_out: Collection[int], model: Any, data: Any, limit: float) -> tuple[float, int]:
         """The least gap of all pairs of pieces but some, m, and the number of that pair; the limit if it is larger."""
         a, b = self.sides
-        reach = min(limit, _FURTHER * a.tree.lower_bound(b.tree, *self._between(data)) + _QUERY_M)
-        seen: set[int] = set(leave_out)
         best = limit, -1
-        while True:
-            for k in self._numbers(data, min(reach, best[0])):
-                if k not in seen:
-                    seen.add(k)
-                    best = min(best, (self.piece_pair(k).gap(model, data, best[0]), k))
-            # No box that is farther than the reach has a nearer piece.
-            if best[0] <= reach or reach >= limit:
-                return best
-            reach = min(limit, best[0], _FURTHER * reach)
+        for bound, i, k in a.tree.nearest_first(b.tree, *self._between(data), limit):
+            number = i * len(b.pieces) + k
+            if bound >= best[0]:
+                break
+            if number not in leave_out and self._allowed[i, k]:
+                best = min(best, (self.piece_pair(number).gap(model, data, best[0]), number))
+        return best
 
     def watched_gap(self, model: Any, data: Any, limit: float) -> float:
         """The same without the pieces that are joined."""
