@@ -29,6 +29,8 @@ Sides = tuple[tuple[Vector, float], ...]
 class UnionFace:
     """A connected part of a face of a union.
 
+    Parts of its polygons may be covered, as those of cuts that go on beyond a concave edge are: nothing touches them there.
+
     Attributes:
         plane: Index of the plane, and its sense.
         normal: Outward unit normal, (3,).
