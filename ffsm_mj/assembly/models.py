@@ -11,6 +11,7 @@ from pathlib import Path
 from ffsm_mj.assembly.grasps import GraspedSystem, grasped_systems_of
 from ffsm_mj.errors import Faults
 from ffsm_mj.model.composition import compile_system
+from ffsm_mj.model.decompose import with_pieces
 from ffsm_mj.model.edits import AddedSite, motors_of, to_strip
 from ffsm_mj.model.files import ModelFiles, read_model
 from ffsm_mj.model.grasp import Grasp
@@ -94,6 +95,7 @@ def model_files(scenario: ScenarioConfig, source: YamlSource, read: Reader = rea
         InputError: A file is missing or malformed.
     """
     readers: dict[str, Callable[[], ModelFiles]] = {}
+    homes: dict[str, Path | None] = {}
     models = {("robot",): scenario.robot} | {("objects", name): part for name, part in scenario.objects.items()}
     with source.locating(), Faults() as faults:
         for keys, part in models.items():
@@ -112,6 +114,7 @@ def model_files(scenario: ScenarioConfig, source: YamlSource, read: Reader = rea
             # A reader keeps files, which those in memory are already.
             reader = partial(read, path) if inline is None else partial(read_model, path, contents=inline.files(path.name))
             readers[keys[-1]] = partial(reader, *folders)
+            homes[keys[-1]] = path.parent if inline is None else None
     parts = {keys[-1]: part for keys, part in models.items()}
     kinds = {name: config.kind for name, config in scenario.actuators.items()}
     poses = {name: part.fixed_at for name, part in scenario.objects.items()}
@@ -125,5 +128,9 @@ def model_files(scenario: ScenarioConfig, source: YamlSource, read: Reader = rea
         )
         for name, read_files in readers.items()
     }
+    with source.locating():
+        for name, part in parts.items():
+            keys = (name,) if name == "robot" else ("objects", name)
+            files[name] = with_pieces(files[name], part.decompose, homes[name], keys)
     sites = tuple(AddedSite(name, site.body, site.pos_m) for name, site in scenario.robot.sites.items())
     return files | {"robot": replace(files["robot"], sites=sites, flex=scenario.robot.joint_flex)}

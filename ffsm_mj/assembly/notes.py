@@ -103,15 +103,25 @@ def _left_out(contacts: Contacts, system: System) -> Iterator[str]:
 
 
 def mesh_notes(contacts: Contacts, system: System) -> Iterator[str]:
-    """Notes on meshes in contacts, which collide as their convex hulls; takes up to a second for a large mesh."""
+    """Notes on meshes in contacts that collide as their convex hulls; takes up to a second for a large mesh."""
     model = system.mj
-    geoms = sorted({geom for pair in contacts.pairs for geom in pair.geom_ids})
+    geoms = sorted({geom for pair in contacts.pairs for geom in pair.geom_ids} - set(system.pieces))
     depths = [(hull_offset(model, geom), system.mj.geom(geom).name) for geom in geoms]
     offsets = sorted(((offset, name) for offset, name in depths if offset > _SHOWN_M), reverse=True)
     for offset, name in offsets[:_MOST_MESHES]:
         yield f"{name} collides as the convex hull of its mesh, up to {1e3 * offset:.3g} mm off its triangles"
     if len(offsets) > _MOST_MESHES:
         yield f"and {len(offsets) - _MOST_MESHES} more meshes collide as hulls that stand off by less"
+
+
+def piece_lines(system: System) -> list[str]:
+    """A heading and a line for each decomposed mesh; none if there are none."""
+    lines = [
+        f"    {name}/{mesh}: {pieces.sentence}"
+        for name, files in system.files.items()
+        for mesh, pieces in files.pieces.items()
+    ]
+    return ["  meshes as convex pieces", *lines] if lines else []
 
 
 def unwatched_overlaps(assembly: Assembly) -> Iterator[tuple[str, str]]:
@@ -452,6 +462,7 @@ def describe(assembly: Assembly) -> list[str]:
         f"{scenario.name}: valid",
         *(f"  {tree.name}: bodies {len(tree.bodies)}, dofs {tree.dofs.stop - tree.dofs.start}" for tree in system.trees),
         *(f"  {body.name}: fixed, bodies {len(body.bodies)}" for body in system.fixed),
+        *piece_lines(system),
         *(f"  {line}" for line in rule_lines(assembly.contacts)),
         *_limited_joints(assembly.limits),
         *spring_lines(scenario, system, assembly.data),

@@ -211,8 +211,10 @@ def _piece(data: Mapping[str, Any], table: FloatArray) -> Polytope:
     return Polytope(vertices, normals, offsets, faces)
 
 
-def stored_in(request: Request, contents: Mapping[str, bytes], place: str, *, any_version: bool) -> tuple[str, bytes] | None:
-    """Name and content of the file with the pieces that are asked for; None without one.
+def stored_in(
+    request: Request, contents: Mapping[str, bytes], place: str, *, any_version: bool
+) -> tuple[str, bytes, Decomposition] | None:
+    """Name and content of the file with the pieces that are asked for, and the pieces; None without one.
 
     Args:
         request: What is asked for.
@@ -228,7 +230,7 @@ def stored_in(request: Request, contents: Mapping[str, bytes], place: str, *, an
             stored = from_json(content, f"{place}{name}")
             asked = stored.sha256 == request.key(stored.version) and name == request.name(stored.version)
             if asked and (any_version or stored.version == (request.version or stored.version)):
-                return name, content
+                return name, content, stored
     return None
 
 

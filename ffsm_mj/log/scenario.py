@@ -12,6 +12,7 @@ from ffsm_mj.config import StrictModel
 from ffsm_mj.errors import THE_LOG, InputError, ScenarioFaults, one_line
 from ffsm_mj.log.mcap.format import SCENARIO_ATTACHMENT
 from ffsm_mj.model.composition import compile_system
+from ffsm_mj.model.decompose import DecomposeList, with_logged_pieces
 from ffsm_mj.model.edits import AddedSite, JointFlex, LimitsMode, Strippable, motors_of, to_strip
 from ffsm_mj.model.files import ModelFiles, logged_model, logged_name
 from ffsm_mj.model.grasp import Grasp
@@ -43,6 +44,7 @@ class _Model(_Part):
     pose: Pose | None = None
     sites: dict[str, _Site] | None = None
     joint_flex: dict[str, JointFlex] | None = None
+    decompose: DecomposeList = ()
 
 
 class _Sensor(_Part):
@@ -146,7 +148,7 @@ def compile_log(log: RunLog, place: str = THE_LOG, grasp: Grasp | None = None) -
             raise InputError(f"{place}: the model of {name} is {part.mjcf!r}, which is not below {logged_name(name, '')}")
         files = {key.removeprefix(prefix): content for key, content in log.header.files.items() if key.startswith(prefix)}
         bodies = (scenario.model or {}).get(name)
-        return replace(
+        changed = replace(
             logged_model(part.mjcf.removeprefix(prefix), files, f"{place}: {prefix}"),
             strip=to_strip(part.strip, part.limits),
             motors=motors_of(name, scenario.kinds),
@@ -156,6 +158,7 @@ def compile_log(log: RunLog, place: str = THE_LOG, grasp: Grasp | None = None) -
             sites=tuple(AddedSite(site, added.body, added.pos_m) for site, added in (part.sites or {}).items()),
             flex=part.joint_flex or {},
         )
+        return with_logged_pieces(changed, part.decompose, files)
 
     sensors = tuple(
         AddedSensor(name, sensor.kind, sensor.of or "", sensor.relative_to or "")

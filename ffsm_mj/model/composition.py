@@ -13,6 +13,7 @@ import numpy as np
 
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.model.actuators import actuator_faults, dampers_to_targets, effort_limits, smooth_controllers
+from ffsm_mj.model.decompose import decomposed_geoms
 from ffsm_mj.model.edits import add_flex, add_sites, make_motors, strip
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.grasp import Grasp, join
@@ -26,7 +27,7 @@ from ffsm_mj.model.places import Places
 from ffsm_mj.model.properties import Pose
 from ffsm_mj.model.sensors import AddedSensor, ModelSensor, add_sensors, sensors_of_model
 from ffsm_mj.model.settings import outermost_faults, setting_faults, setting_notes
-from ffsm_mj.model.source import REFUSALS, compile_spec, describe_error, load_spec, load_with_timing, warnings_alone
+from ffsm_mj.model.source import REFUSALS, compile_spec, describe_error, load_completely, load_spec, warnings_alone
 from ffsm_mj.model.system import FixedModel, Joint, JointKind, System, Tree, ancestors
 from ffsm_mj.model.unsupported import (
     FLUID,
@@ -92,8 +93,8 @@ def part(name: str, files: ModelFiles, vfs: Any) -> Part:
             sensor cannot be measured.
         ScenarioFaults: A site, a flexible drive or a property is impossible.
     """
-    spec, timing = load_with_timing(files, vfs)
-    notes = [f"removed from {name}: {what}" for what in strip(spec, files.strip)]
+    spec, timing, notes = load_completely(files, vfs)
+    notes += [f"removed from {name}: {what}" for what in strip(spec, files.strip)]
     make_motors(spec, files.motors)
     for key in spec.keys:  # keyframes have a value per control and activation; they are not used here
         key.ctrl, key.act = [], []
@@ -309,7 +310,7 @@ def compile_system(
         effort_limits=limits,
         magnetorquers=tuple(magnetorquers),
         equalities=equalities,
-        pieces=fixed_terrain(model, scene, files),
+        pieces={**fixed_terrain(model, scene, files), **dict(decomposed_geoms(model, files))},
         actuator_delays_s={name: delay for part in parts for name, delay in part.delays_s.items()},
     )
 

@@ -17,6 +17,7 @@ from pathlib import Path, PurePosixPath
 from types import MappingProxyType
 from typing import Protocol
 
+from ffsm_mj.decomposition.stored import Decomposition
 from ffsm_mj.errors import InputError
 from ffsm_mj.installation import add_extra
 from ffsm_mj.model.edits import AddedSite, JointFlex
@@ -256,6 +257,7 @@ class ModelFiles:
         overrides: Layers of changed properties of bodies and geoms, the last on top; see :mod:`ffsm_mj.model.overrides`.
         pose: Pose at which it is fixed to the world; None: it floats.
         body: Root of the tree of the file that it is, ``world`` for what is fixed; empty: the whole file.
+        pieces: Decompositions of meshes by their names; the files hold them too.
     """
 
     main: str
@@ -268,6 +270,7 @@ class ModelFiles:
     overrides: tuple[Overrides, ...] = ()
     pose: Pose | None = None
     body: str = ""
+    pieces: Mapping[str, Decomposition] = field(default_factory=dict)
 
     @property
     def place(self) -> str:

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.decomposition.terrain import height_prisms
 from ffsm_mj.model.files import ModelFiles
+from ffsm_mj.model.meshes import decimals
 from ffsm_mj.polytope import Polytope
 
 _HEADER = 8
@@ -63,21 +64,16 @@ def _elevations(model: Any, field: int, source: Any, files: ModelFiles) -> Float
     first = int(model.hfield_adr[field])
     normalised = model.hfield_data[first : first + shape[0] * shape[1]]
     if not source.file:
-        numbers = _decimals(np.array(source.userdata, dtype=np.float32))
+        numbers = decimals(np.array(source.userdata, dtype=np.float32))
     elif source.file.lower().endswith(".png") or "png" in source.content_type:
         numbers = _levels(normalised)
     else:
         base_name = posixpath.basename(source.file)
         content = next(data for name, data in files.files.items() if posixpath.basename(name) == base_name)
-        numbers = _decimals(np.frombuffer(content, dtype="<f4", offset=_HEADER))
+        numbers = decimals(np.frombuffer(content, dtype="<f4", offset=_HEADER))
     spread = float(np.ptp(numbers))
     shares = (numbers - numbers.min()) / spread if spread > 0.0 else np.zeros(len(numbers))
     return np.asarray(shares.reshape(shape))
-
-
-def _decimals(numbers: npt.NDArray[np.float32]) -> FloatArray:
-    """The shortest decimals that numbers in single precision stand for."""
-    return np.asarray(numbers.astype(str).astype(np.float64))
 
 
 def _levels(normalised: npt.NDArray[np.float32]) -> FloatArray:

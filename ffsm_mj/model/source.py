@@ -23,6 +23,7 @@ import mujoco
 
 from ffsm_mj.errors import InputError
 from ffsm_mj.model.files import SCHEME, ModelFiles
+from ffsm_mj.model.meshes import weigh_by_volume
 from ffsm_mj.model.mujoco_process import collected_warnings
 from ffsm_mj.model.one_file import keep_body
 from ffsm_mj.model.sensors import Timing, take_timing
@@ -83,11 +84,11 @@ def load_spec(files: ModelFiles, vfs: Any) -> Any:
     Raises:
         InputError: MuJoCo cannot parse it, or it has no tree with the body of the model.
     """
-    return load_with_timing(files, vfs)[0]
+    return load_completely(files, vfs)[0]
 
 
-def load_with_timing(files: ModelFiles, vfs: Any) -> tuple[Any, Timing]:
-    """Parse a model as :func:`load_spec` does; returns also the timing in the file, which MuJoCo is not given."""
+def load_completely(files: ModelFiles, vfs: Any) -> tuple[Any, Timing, list[str]]:
+    """Parse a model as :func:`load_spec` does; returns also the timing in the file, which MuJoCo is not given, and notes."""
     spec = parse_spec(files, vfs)
     for mesh in spec.meshes:  # with the scheme, MuJoCo searches for the base name only
         mesh.file = mesh.file.removeprefix(SCHEME)
@@ -103,7 +104,7 @@ def load_with_timing(files: ModelFiles, vfs: Any) -> tuple[Any, Timing]:
     _name_all(spec)
     if files.body:
         keep_body(spec, files.body, files.place)
-    return spec, take_timing(spec)
+    return spec, take_timing(spec), weigh_by_volume(spec, files)
 
 
 def parse_spec(files: ModelFiles, vfs: Any) -> Any:

@@ -30,6 +30,7 @@ from pydantic import (
 
 from ffsm_mj.config import Name, StrictModel
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults, unknown_name
+from ffsm_mj.model.decompose import DecomposeList
 from ffsm_mj.model.edits import JointFlex, LimitsMode, Strippable
 from ffsm_mj.model.files import REST, ModelFiles, menagerie_file, read_model
 from ffsm_mj.model.inline import InlineModel, inline_model
@@ -118,6 +119,8 @@ class OfFile(FromFile):
     """Elements to remove from the model, which would break conservation."""
     limits: LimitsMode = "stop"
     """Joints with limits in the model stop there (``stop``, see joint_limits), or move on (``ignore``)."""
+    decompose: DecomposeList = ()
+    """Meshes of the model that are not convex, as convex pieces: one, or a list."""
 
 
 class Robot(OfFile):

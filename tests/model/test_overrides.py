@@ -453,6 +453,6 @@ def test_every_model_is_prepared_by_one_function():
     makers = {
         path.relative_to(package).as_posix()
         for path in package.rglob("*.py")
-        if any(word in path.read_text() for word in ("load_spec(", "load_with_timing(", "MjSpec(", "from_xml", ".attach("))
+        if any(word in path.read_text() for word in ("load_spec(", "load_completely(", "MjSpec(", "from_xml", ".attach("))
     }
     assert makers == allowed
