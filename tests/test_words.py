@@ -40,7 +40,7 @@ OTHER_WORDS = {
     "capture": "grasp",
     "starter": "template",
 }
-TERMS = re.compile("free_?flight|FileNotFoundError|__closure__|capture_output", re.IGNORECASE)
+TERMS = re.compile("free_?flight|FileNotFoundError|PackageNotFoundError|__closure__|capture_output", re.IGNORECASE)
 """Names of the field, of Python and of libraries, which contain a banned word."""
 SCENARIOS = {"capture", "capture_planar"}
 """Functions named like the environments that they are for; ``capture`` is a method of rich too."""
