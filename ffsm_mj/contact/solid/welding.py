@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,6 +26,10 @@ _NEAR_MISS = 10.0
 """Faces that are apart by more than the tolerance, but less than this many times, look like a missed weld."""
 _LEAST_THICKNESS = 10.0
 """Least thickness of a piece over the tolerance: opposite faces that share a plane would leave no solid between them."""
+_ASKEW = np.array((0.5377, 0.6284, 0.5621))
+"""A direction that is not parallel to the faces of machined parts, to tell both senses of a plane apart."""
+_MOST_NUMBERS = 2_000_000
+"""Size of the arrays in which faces are compared with planes."""
 _INDEPENDENT = 1e-4
 """Planes at smaller angles, in rad, do not fix a vertex along their line: it moves across it only."""
 
@@ -106,7 +111,7 @@ def weld(pieces: Sequence[Polytope], weld_m: float, sources: Sequence[int] | Non
     sources = range(len(pieces)) if sources is None else sources
     if len(set(sources)) > 1:
         _refuse_thin(pieces, weld_m)
-    faces = _Faces(pieces, sources)
+    faces = _Faces(pieces, sources, weld_m)
     planes, senses, leaders = faces.assigned(weld_m)
     normals, offsets = faces.normals[leaders], faces.offsets[leaders]
     merged = int((faces.piece != faces.piece[leaders][planes]).sum())
@@ -115,15 +120,13 @@ def weld(pieces: Sequence[Polytope], weld_m: float, sources: Sequence[int] | Non
     for piece, (first, last) in zip(pieces, pairwise(bounds), strict=True):
         new_normals = senses[first:last, None] * normals[planes[first:last]] + 0.0
         new_offsets = senses[first:last] * offsets[planes[first:last]] + 0.0
-        vertices = piece.vertices.copy()
-        for i, off in enumerate(_off_plane(piece, new_normals, new_offsets)):
-            # Vertices within rounding of their planes stay as they are in the file.
-            if np.abs(off[1]).max() > faces.rounding:
-                vertices[i] += _onto(*off)
-                moves.append(float(np.linalg.norm(vertices[i] - piece.vertices[i])))
-                residuals.append(float(np.abs(off[0] @ (vertices[i] - piece.vertices[i]) - off[1]).max()))
+        vertices = piece.vertices
+        if faces.differ(piece, new_normals, new_offsets):
+            vertices, move, residual = _onto_planes(piece, new_normals, new_offsets, faces.rounding)
+            moves.append(move)
+            residuals.append(residual)
         moved.append(Polytope(vertices, new_normals, new_offsets, piece.faces))
-    report = WeldReport(merged, max(moves), max(residuals), faces.steps(planes, leaders, weld_m))
+    report = WeldReport(merged, max(moves), max(residuals), faces.steps(planes, weld_m))
     pairs = [*zip(planes.tolist(), senses.tolist(), strict=True)]
     of_pieces = tuple(tuple(pairs[first:last]) for first, last in pairwise(bounds))
     return Welded(tuple(moved), normals, offsets, of_pieces, report)
@@ -139,10 +142,17 @@ def _refuse_thin(pieces: Sequence[Polytope], weld_m: float) -> None:
         raise ValueError(msg)
 
 
+class _Near(NamedTuple):
+    """Faces near a plane, (k,), and the greatest distances of their corners from it, (k,), m."""
+
+    faces: IntArray
+    heights: FloatArray
+
+
 class _Faces:
     """All faces of some pieces as arrays."""
 
-    def __init__(self, pieces: Sequence[Polytope], sources: Sequence[int]) -> None:
+    def __init__(self, pieces: Sequence[Polytope], sources: Sequence[int], weld_m: float) -> None:
         self.normals = np.concatenate([piece.normals for piece in pieces])
         self.offsets = np.concatenate([piece.offsets for piece in pieces])
         counts = [len(piece.faces) for piece in pieces]
@@ -153,65 +163,112 @@ class _Faces:
         self._starts = np.cumsum([0, *map(len, polygons)])
         self._lower = np.minimum.reduceat(self._corners, self._starts[:-1])
         self._upper = np.maximum.reduceat(self._corners, self._starts[:-1])
-        self._areas = np.array([np.linalg.norm(area_vector(polygon)) for polygon in polygons])
-        self.rounding = _ROUNDING * max(1.0, float(np.abs(self._corners).max()))
+        areas = np.array([np.linalg.norm(area_vector(polygon)) for polygon in polygons])
+        # The largest face leads, and the order of equal ones is that of their planes: not that of the pieces.
+        self._order: list[int] = np.lexsort((*self.normals.T, self.offsets, -areas)).tolist()
+        self._extent = max(1.0, float(np.abs(self._corners).max()))
+        self.rounding = _ROUNDING * self._extent
+        self._groups = self._equal_planes()
+        self._near = self._foreign(_NEAR_MISS * weld_m)
 
     def assigned(self, weld_m: float) -> tuple[IntArray, IntArray, IntArray]:
-        """Plane of each face, (F,), its sense, (F,), and the faces that lead the planes, (p,).
-
-        The largest face leads, and the order of equal ones is that of their planes: not that of the pieces.
-        """
+        """Plane of each face, (F,), its sense, (F,), and the faces that lead the planes, (p,)."""
         planes = np.full(len(self.offsets), -1)
-        senses = np.ones(len(self.offsets), dtype=np.intp)
         leaders: list[int] = []
-        for leader in np.lexsort((*self.normals.T, self.offsets, -self._areas)).tolist():
+        for leader in self._order:
             if planes[leader] < 0:
-                cosines, heights = self._seen_from(leader, np.flatnonzero(planes < 0), weld_m)
-                foreign = self._source != self._source[leader]
-                joining = heights <= np.where(foreign, max(weld_m, self.rounding), self.rounding)
-                joining[leader] = True
-                planes[joining] = len(leaders)
-                senses[joining] = np.sign(cosines[joining])
+                near = self._near[self._group[leader]]
+                faces = np.concatenate((self._groups[self._group[leader]], near.faces[near.heights <= weld_m]))
+                planes[faces[planes[faces] < 0]] = len(leaders)
                 leaders.append(leader)
-        return planes, senses, np.array(leaders)
+        cosines = np.einsum("ij,ij->i", self.normals, self.normals[np.array(leaders)[planes]])
+        return planes, np.sign(cosines).astype(np.intp), np.array(leaders)
 
-    def steps(self, planes: IntArray, leaders: IntArray, weld_m: float) -> tuple[Step, ...]:
+    def steps(self, planes: IntArray, weld_m: float) -> tuple[Step, ...]:
         """Adjacent faces of two sources on two planes that look like a missed weld, the highest of two pieces."""
         reach, steps = _NEAR_MISS * weld_m, dict[tuple[int, int], Step]()
-        for plane, leader in enumerate(leaders.tolist()):
-            cosines, heights = self._seen_from(leader, np.flatnonzero(planes != plane), reach)
-            members = np.flatnonzero(planes == plane)
-            for face in np.flatnonzero(heights <= reach).tolist():
+        for leader, near in zip(self._leads, self._near, strict=True):
+            missed = planes[near.faces] != planes[leader]
+            members = np.flatnonzero(planes == planes[leader]) if missed.any() else near.faces
+            for face, height in zip(near.faces[missed].tolist(), near.heights[missed].tolist(), strict=True):
                 apart = np.maximum(self._lower[members] - self._upper[face], self._lower[face] - self._upper[members])
                 adjacent = members[(apart.max(axis=1) <= reach) & (self._source[members] != self._source[face])]
                 for other in adjacent.tolist():
                     low, high = sorted((int(self.piece[face]), int(self.piece[other])))
-                    crack = bool(cosines[face] * cosines[other] < 0.0)
-                    step = Step((low, high), float(heights[face]), crack)
-                    if step.height_m > steps.get(step.pieces, Step(step.pieces, self.rounding, crack)).height_m:
+                    crack = bool(self.normals[face] @ self.normals[other] < 0.0)
+                    step = Step((low, high), height, crack)
+                    if height > steps.get(step.pieces, Step(step.pieces, self.rounding, crack)).height_m:
                         steps[step.pieces] = step
         return tuple(steps[pair] for pair in sorted(steps))
 
-    def _seen_from(self, leader: int, among: IntArray, reach: float) -> tuple[FloatArray, FloatArray]:
-        """Cosines of all normals to that of a face, and greatest distances of corners from its plane (inf: not near it)."""
-        normal, offset = self.normals[leader], self.offsets[leader]
-        cosines, heights = self.normals @ normal, np.full(len(self.offsets), np.inf)
-        first = np.abs(self._corners[self._starts[among]] @ normal - offset) <= max(reach, self.rounding)
-        for face in among[first & (np.abs(cosines[among]) > _COPLANAR_COSINE)].tolist():
-            corners = self._corners[self._starts[face] : self._starts[face + 1]]
-            heights[face] = np.abs(corners @ normal - offset).max()
-        return cosines, heights
+    def differ(self, piece: Polytope, normals: FloatArray, offsets: FloatArray) -> bool:
+        """Whether planes of a piece have moved by more than rounding."""
+        turned = self._extent * np.abs(normals - piece.normals).max()
+        return bool(max(turned, np.abs(offsets - piece.offsets).max()) > self.rounding)
+
+    def _equal_planes(self) -> list[IntArray]:
+        """Groups of the faces whose planes are equal but for rounding, in either sense."""
+        from scipy.sparse import coo_array  # takes long to import: only unions pay
+        from scipy.sparse.csgraph import connected_components
+        from scipy.spatial import cKDTree
+
+        # Of both senses of a plane that along which a vector, parallel to the sides of no part, points.
+        signs = np.where(self.normals @ _ASKEW < 0.0, -1.0, 1.0)
+        rows = np.column_stack((self._extent * signs[:, None] * self.normals, signs * self.offsets))
+        distinct, places = np.unique(rows, axis=0, return_inverse=True)
+        pairs = cKDTree(distinct).query_pairs(self.rounding, output_type="ndarray")
+        graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(distinct), len(distinct)))
+        self._group = connected_components(graph, directed=False)[1][places]
+        order = np.argsort(self._group, kind="stable")
+        groups = np.split(order, np.flatnonzero(np.diff(self._group[order])) + 1)
+        leads = np.full(len(groups), -1)
+        leads[self._group[self._order[::-1]]] = self._order[::-1]
+        self._leads: list[int] = leads.tolist()
+        return groups
+
+    def _foreign(self, reach: float) -> list[_Near]:
+        """For each group the faces of other sources within a reach in m of the plane of its largest face."""
+        near = [_Near(np.empty(0, dtype=np.intp), np.empty(0))] * len(self._leads)
+        sources = self._source[self._leads]
+        firsts = self._corners[self._starts[:-1]]
+        for source in set(sources.tolist()):
+            groups, others = np.flatnonzero(sources == source), np.flatnonzero(self._source != source)
+            for some in np.array_split(groups, 1 + len(groups) * len(others) // _MOST_NUMBERS):
+                leads = np.array(self._leads)[some]
+                heights = np.abs(self.normals[leads] @ firsts[others].T - self.offsets[leads, None])
+                cosines = np.abs(self.normals[leads] @ self.normals[others].T)
+                hits = (heights <= reach) & (cosines > _COPLANAR_COSINE)
+                for k in np.flatnonzero(hits.any(axis=1)).tolist():
+                    faces = others[hits[k]]
+                    highest = self._heights(int(leads[k]), faces)
+                    near[int(some[k])] = _Near(faces[highest <= reach], highest[highest <= reach])
+        return near
+
+    def _heights(self, leader: int, faces: IntArray) -> FloatArray:
+        """Greatest distances of the corners of some faces from the plane of another one, m, (k,)."""
+        polygons = (self._corners[self._starts[face] : self._starts[face + 1]] for face in faces.tolist())
+        distances = [np.abs(polygon @ self.normals[leader] - self.offsets[leader]).max() for polygon in polygons]
+        return np.array(distances)
 
 
-def _off_plane(piece: Polytope, normals: FloatArray, offsets: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
-    """Normals of the planes that a vertex belongs to, (k, 3), and its distances from them, (k,), for all vertices."""
-    faces: list[list[int]] = [[] for _ in piece.vertices]
+def _onto_planes(
+    piece: Polytope, normals: FloatArray, offsets: FloatArray, rounding: float
+) -> tuple[FloatArray, float, float]:
+    """Vertices of a piece moved the shortest way onto other planes of its faces; greatest move and residual, m.
+
+    A vertex on more than three planes is moved by least squares. One that is on its planes but for rounding stays as it is
+    in the file.
+    """
+    around: list[list[int]] = [[] for _ in piece.vertices]
     for k, face in enumerate(piece.faces):
         for i in face:
-            faces[i].append(k)
-    return [(normals[on], offsets[on] - normals[on] @ x) for on, x in zip(faces, piece.vertices, strict=True)]
-
-
-def _onto(normals: FloatArray, distances: FloatArray) -> FloatArray:
-    """Shortest move of a point onto planes at some distances: least squares for more than three."""
-    return np.asarray(np.linalg.lstsq(normals, distances, rcond=_INDEPENDENT)[0])
+            around[i].append(k)
+    vertices, moves, residuals = piece.vertices.copy(), [0.0], [0.0]
+    for i, on in enumerate(around):
+        distances = offsets[on] - normals[on] @ vertices[i]
+        if np.abs(distances).max() > rounding:
+            move = np.linalg.lstsq(normals[on], distances, rcond=_INDEPENDENT)[0]
+            vertices[i] += move
+            moves.append(float(np.linalg.norm(move)))
+            residuals.append(float(np.abs(normals[on] @ move - distances).max()))
+    return vertices, max(moves), max(residuals)
