@@ -140,9 +140,9 @@ class UnionEdges:
     def _convex_parts(self, piece: int) -> Iterator[_Part]:
         """Those parts of the edges of a piece that are convex edges of the union."""
         solid, planes = self._welded.pieces[piece], self._welded.planes[piece]
-        around = Surroundings(
-            self._welded, self._tree.near(solid.bounds[0], solid.bounds[1], self._tolerance), self._tolerance
-        )
+        tolerance = max(self._tolerance, self._welded.flaws[piece])
+        near = self._tree.near(solid.bounds[0], solid.bounds[1], tolerance)
+        around = Surroundings(self._welded, near, tolerance)
         heights = solid.vertices @ around.normals.T - around.offsets
         for a, b, left, right in solid.edges:
             if planes[left] == planes[right]:  # welded into one plane
@@ -185,7 +185,8 @@ class Surroundings:
         counts = [len(piece.offsets) for piece in near]
         self._starts = np.cumsum([0, *counts[:-1]])
         self._owner = np.repeat(np.arange(len(counts)), counts)
-        self._tolerance = tolerance
+        # Corners of a piece are this far off its own planes, and thus off those that it shares with others.
+        self._tolerances = np.maximum(tolerance, np.array(welded.flaws)[pieces])[self._owner]
 
     def cuts(self, start: FloatArray, end: FloatArray) -> list[float]:
         """Where a segment crosses planes of the pieces on their surface, ascending, as shares of its length.
@@ -197,7 +198,7 @@ class Surroundings:
         crossing = np.flatnonzero((np.minimum(start, end) < 0.0) & (np.maximum(start, end) > 0.0))
         shares = start[crossing] / (start[crossing] - end[crossing])
         highest = np.maximum.reduceat(start + shares[:, None] * (end - start), self._starts, axis=1)
-        on_surface = highest[np.arange(len(crossing)), self._owner[crossing]] <= self._tolerance
+        on_surface = highest[np.arange(len(crossing)), self._owner[crossing]] <= self._tolerances[crossing]
         return sorted(set(shares[on_surface].tolist()))
 
     def sectors(self, direction: FloatArray, start: FloatArray, end: FloatArray) -> list[Sector]:
@@ -208,7 +209,7 @@ class Surroundings:
             start: Heights of its start above all planes, (k,).
             end: Those of its end.
         """
-        along = (np.abs(start) <= self._tolerance) & (np.abs(end) <= self._tolerance)
+        along = (np.abs(start) <= self._tolerances) & (np.abs(end) <= self._tolerances)
         # No plane crosses it: what is above a plane that it is not along is above it in the middle.
         highest = np.maximum.reduceat(np.where(along, -np.inf, 0.5 * (start + end)), self._starts)
         touching = (highest < 0.0) & (np.logical_or.reduceat(along, self._starts))

@@ -42,28 +42,30 @@ class UnionVertices:
             tree: Tree of their boxes.
             tolerance: Distance within which a point is on a plane, and within which points are one, m.
         """
-        self._pieces, self._tree, self._tolerance = welded.pieces, tree, tolerance
+        self._pieces, self._tree = welded.pieces, tree
+        # Corners of meshes in single precision are off the planes of their faces.
+        self._tolerances = [max(tolerance, flaw) for flaw in welded.flaws]
         self._known: dict[tuple[int, int], UnionVertex | None] = {}
 
     def of(self, piece: int) -> tuple[UnionVertex, ...]:
         """The vertices of the union among those of a piece: the same objects for all pieces with this corner."""
         for k in range(len(self._pieces[piece].vertices)):
             if (piece, k) not in self._known:
-                self._evaluate(self._pieces[piece].vertices[k])
+                self._evaluate(self._pieces[piece].vertices[k], self._tolerances[piece])
         known = (self._known[piece, k] for k in range(len(self._pieces[piece].vertices)))
         return tuple(vertex for vertex in known if vertex)
 
-    def _evaluate(self, place: FloatArray) -> None:
+    def _evaluate(self, place: FloatArray, tolerance: float) -> None:
         """Find out about a corner of a piece, for all pieces that have it."""
         cones, pieces, corners, covered = [], [], [], False
-        for k in self._tree.near(place, place, self._tolerance).tolist():
+        for k in self._tree.near(place, place, tolerance).tolist():
             piece = self._pieces[k]
-            normals = piece.normals_at(place, self._tolerance)
+            normals = piece.normals_at(place, max(tolerance, self._tolerances[k]))
             if normals is None:
                 continue
             offsets = piece.vertices - place
             lengths = np.linalg.norm(offsets, axis=1)
-            far = lengths > self._tolerance
+            far = lengths > tolerance
             cones.append(offsets[far] / lengths[far, None])
             pieces.append(k)
             corners += [(k, i) for i in np.flatnonzero(~far).tolist()]

@@ -86,6 +86,8 @@ class Welded:
         normals: Normals of the planes, (p, 3).
         offsets: Their offsets, (p,), m.
         planes: Plane of each face of each piece.
+        flaws: Greatest distances of corners of each piece from planes of its faces, m: of meshes in single precision, and
+            residuals.
         report: What was merged and moved.
     """
 
@@ -93,6 +95,7 @@ class Welded:
     normals: FloatArray
     offsets: FloatArray
     planes: tuple[tuple[Plane, ...], ...]
+    flaws: tuple[float, ...]
     report: WeldReport
 
 
@@ -116,8 +119,8 @@ def weld(pieces: Sequence[Polytope], weld_m: float, sources: Sequence[int] | Non
     normals, offsets = faces.normals[leaders], faces.offsets[leaders]
     merged = int((faces.piece != faces.piece[leaders][planes]).sum())
     bounds = np.cumsum([0, *(len(piece.faces) for piece in pieces)]).tolist()
-    moved, moves, residuals = [], [0.0], [0.0]
-    for piece, (first, last) in zip(pieces, pairwise(bounds), strict=True):
+    moved, moves, residuals, flaws = [], [0.0], [0.0], faces.flaws()
+    for k, (piece, (first, last)) in enumerate(zip(pieces, pairwise(bounds), strict=True)):
         new_normals = senses[first:last, None] * normals[planes[first:last]] + 0.0
         new_offsets = senses[first:last] * offsets[planes[first:last]] + 0.0
         vertices = piece.vertices
@@ -125,11 +128,12 @@ def weld(pieces: Sequence[Polytope], weld_m: float, sources: Sequence[int] | Non
             vertices, move, residual = _onto_planes(piece, new_normals, new_offsets, faces.rounding)
             moves.append(move)
             residuals.append(residual)
+            flaws[k] = residual
         moved.append(Polytope(vertices, new_normals, new_offsets, piece.faces))
     report = WeldReport(merged, max(moves), max(residuals), faces.steps(planes, weld_m))
     pairs = [*zip(planes.tolist(), senses.tolist(), strict=True)]
     of_pieces = tuple(tuple(pairs[first:last]) for first, last in pairwise(bounds))
-    return Welded(tuple(moved), normals, offsets, of_pieces, report)
+    return Welded(tuple(moved), normals, offsets, of_pieces, tuple(flaws), report)
 
 
 def _refuse_thin(pieces: Sequence[Polytope], weld_m: float) -> None:
@@ -200,6 +204,14 @@ class _Faces:
                     if height > steps.get(step.pieces, Step(step.pieces, self.rounding, crack)).height_m:
                         steps[step.pieces] = step
         return tuple(steps[pair] for pair in sorted(steps))
+
+    def flaws(self) -> list[float]:
+        """Greatest distances of corners of the pieces from planes of their faces, m."""
+        face = np.repeat(np.arange(len(self.offsets)), np.diff(self._starts))
+        distances = np.abs(np.einsum("ij,ij->i", self._corners, self.normals[face]) - self.offsets[face])
+        firsts = self._starts[np.flatnonzero(np.diff(self.piece, prepend=-1))]
+        flaws: list[float] = np.maximum.reduceat(distances, firsts).tolist()
+        return flaws
 
     def differ(self, piece: Polytope, normals: FloatArray, offsets: FloatArray) -> bool:
         """Whether planes of a piece have moved by more than rounding."""

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from ffsm_mj.contact.solid.edges import Sector, UnionEdges, united
 from ffsm_mj.contact.solid.tree import BoxTree
 from ffsm_mj.contact.solid.welding import weld
-from ffsm_mj.polytope import box
+from ffsm_mj.polytope import box, hull_of
 from tests.contact.solid.pieces import EYE, cut_at_random, random_boxes
 
 TOLERANCE = 1e-9
@@ -196,6 +196,19 @@ def test_order_and_number_of_pieces_do_not_matter():
     middle = pieces[0].vertices.mean(axis=0)
     parts = pieces[0].cut(np.array([0.0, 0.6, 0.8]), float(np.array([0.0, 0.6, 0.8]) @ middle))
     assert ends([*pieces[1:], *parts]) == expected
+
+
+def test_a_mesh_in_single_precision_has_its_edges():
+    """Corners off their planes by 1e-8 m, far above the tolerance: two such boxes, apart by a crack, have 12 edges each."""
+    rng = np.random.default_rng(1)
+    whole = box(np.array([0.3, 0.2, 0.1]), np.zeros(3), Rotation.from_rotvec([0.2, 0.5, 0.1]).as_matrix())
+    meshes = [
+        hull_of(whole.vertices + shift + 1e-8 * rng.normal(size=(8, 3)), merge=1e-6)
+        for shift in (np.zeros(3), (0.6 + 1e-5) * whole.normals[0])
+    ]
+    edges, welded = edges_of(meshes)
+    assert 1e-9 < max(welded.flaws) < 2e-8
+    assert len(edges) == 24
 
 
 def sector(start, width, name):

@@ -102,3 +102,12 @@ def test_the_tip_of_two_pieces_has_the_directions_of_both():
     assert tip.pieces == (0, 1)
     for corner in base / np.linalg.norm(base, axis=1)[:, None]:
         assert np.abs(tip.cone - corner).max(axis=1).min() < 1e-15
+
+
+def test_a_mesh_in_single_precision_has_its_corners():
+    rng = np.random.default_rng(1)
+    whole = box(np.array([0.3, 0.2, 0.1]), np.zeros(3), Rotation.from_rotvec([0.2, 0.5, 0.1]).as_matrix())
+    mesh = hull_of(whole.vertices + 1e-8 * rng.normal(size=(8, 3)), merge=1e-6)
+    vertices, welded = vertices_of([mesh, box(np.full(3, 0.01), np.array([0.0, 0.0, 5.0]), EYE)])
+    assert welded.flaws[0] > 1e-9
+    assert len(vertices) == 16
