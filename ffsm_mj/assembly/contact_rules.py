@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ffsm_mj.contact.broad_phase import BroadPhase
+from ffsm_mj.contact.cone_pair import cone_fault, cone_pairs
 from ffsm_mj.contact.motion_bound import speeds_per_root_energy
 from ffsm_mj.contact.pairs import ContactPair, shape_fault
 from ffsm_mj.contact.sides import Sides
@@ -173,7 +174,7 @@ def resolve_contacts(config: ContactsConfig, system: System) -> Contacts:
     Raises:
         ScenarioFaults: An unknown name, a rule without pairs, or a pair of geoms that cannot meet or has no exact distance.
     """
-    selector, can = GeomSelector(system), collidable(system.mj)
+    selector, can = GeomSelector(system), collidable(system.mj, system.cones)
     can &= (selector.part[:, None] >= 0) & (selector.part[None, :] >= 0)
     is_default = config.rules is None
     stated = _default_rules(config, system, selector, can) if is_default else _stated_rules(config, selector, can)
@@ -187,6 +188,8 @@ def resolve_contacts(config: ContactsConfig, system: System) -> Contacts:
     for rule in rules:
         a, b = np.array(rule.geoms, dtype=np.intp).reshape(-1, 2).T
         can[a, b] = can[b, a] = False
+    cones = list(system.cones)
+    can[cones] = can[:, cones] = behind_filters[cones] = behind_filters[:, cones] = False  # no overlap of theirs is reported
     left_out = frozenset(frozenset(pair) for pair in np.argwhere(np.triu((can | behind_filters) & ~ignored)).tolist())
     ignored_ids = frozenset(frozenset(pair) for pair in np.argwhere(np.triu(ignored, 1)).tolist())
     return Contacts(rules, pairs, unsupported, ignored_ids, left_out, is_default, filtered)
@@ -343,7 +346,9 @@ def _pairs(
     names = short_names(geom_names(system))
     pairs: list[ContactPair] = []
     unsupported: dict[frozenset[int], str] = {}
-    sides = Sides(system, {geom for rule in rules for pair in rule.geoms for geom in pair}, weld_m)
+    sides = Sides(
+        system, {geom for rule in rules for pair in rule.geoms for geom in pair if geom not in system.cones}, weld_m
+    )
     with Faults() as faults:
         for i, rule in enumerate(rules):
             united: dict[tuple[int, int], list[tuple[int, int]]] = {}
@@ -352,12 +357,18 @@ def _pairs(
                 if fault and rule.matched > 1:
                     unsupported[frozenset((a, b))] = fault
                     continue
-                if not fault and (sides.is_union(a) or sides.is_union(b)):
+                if not fault and not system.cones.keys() & {a, b} and (sides.is_union(a) or sides.is_union(b)):
                     united.setdefault((sides.body_of(a), sides.body_of(b)), []).append((a, b))
                     continue
                 name = rule.name if rule.matched == 1 else f"{names[a]}-{names[b]}"
                 with faults.below(*_RULES, i, "between"):
-                    pairs.append(ContactPair(system, name, a, b, rule.restitution, rule.mu, rule=rule.name))
+                    if system.cones.keys() & {a, b}:
+                        # No overlap with the inside of a cone is seen by MuJoCo: the run could not end where they meet.
+                        if fault := cone_fault(system, a, b):
+                            faults.add(f"{fault}; list a geom that stays away in contacts.ignored", *_RULES, i, "between")
+                        pairs += cone_pairs(system, name, (a, b), rule.restitution, rule.mu, rule.name)
+                    else:
+                        pairs.append(ContactPair(system, name, a, b, rule.restitution, rule.mu, rule=rule.name))
             for geoms in united.values():
                 with faults.below(*_RULES, i, "between"):
                     pairs.append(_union_pair(system, sides, rule, geoms, names))

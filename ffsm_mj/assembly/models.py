@@ -125,6 +125,7 @@ def model_files(scenario: ScenarioConfig, source: YamlSource, read: Reader = rea
             motors=motors_of(name, kinds),
             pose=poses.get(name),
             body=parts[name].body or "",
+            cones=parts[name].cones,
         )
         for name, read_files in readers.items()
     }

@@ -20,6 +20,7 @@ from ffsm_mj.assembly.control_laws import undriven_actuators
 from ffsm_mj.assembly.grasps import grasps_of
 from ffsm_mj.assembly.orbit_notes import orbit_lines, orbit_notes
 from ffsm_mj.assembly.plant import rounded_down, spring_lines
+from ffsm_mj.contact.cone_pair import ConePair
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.contact_models.grasp.loops import closing_pose, loop_latch
@@ -318,7 +319,13 @@ def initial_scene(assembly: Assembly, lines: list[str]) -> InitialScene:
         lines: Text shown beside the scene.
     """
     system = assembly.system
-    pairs = [CheckedPair(pair.name, pair.ids, pair.restitution, pair.mu) for pair in assembly.pairs]
+    pairs = [
+        CheckedPair(
+            *(pair.name, pair.ids, pair.restitution, pair.mu),
+            nearest=pair.nearest_points(assembly.data) if isinstance(pair, ConePair) else None,
+        )
+        for pair in assembly.pairs
+    ]
     resolved = {frozenset(pair.geoms) for pair in pairs}
     return InitialScene(
         name=assembly.scenario.name,

@@ -100,6 +100,7 @@ class ContactPair(Stateful):
         flush_offset: Offset of round sides that lie along each other; see :func:`~ffsm_mj.contact.patch.flush_offset`.
         flush_angle: Angle of the normals at both ends of such sides, rad; 0 without round sides.
         size: Half the thinnest extent of both geoms in m; over a shorter motion the gap has at most one extremum.
+        touches_once: Whether it touches at one point at most: one of the geoms is strictly convex.
         is_limit: False: it is no joint limit.
         parts: Parts of the geoms that touch; None: a whole geom.
     """
@@ -139,6 +140,7 @@ class ContactPair(Stateful):
         self._kinds = {int(model.geom_type[g]) for g in self.geom_ids}
         scatters = _ELLIPSOID in self._kinds or (_CYLINDER in self._kinds and _SPHERE not in self._kinds)
         self._query_scatters = scatters and _PLANE not in self._kinds
+        self.touches_once = bool({_SPHERE, _ELLIPSOID} & self._kinds)
         self._check(system)
         on_robot = [body in system.robot.bodies for body in (self.body_a, self.body_b)]
         self.robot_on_object = on_robot == [True, False]

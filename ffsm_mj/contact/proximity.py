@@ -96,7 +96,7 @@ class SecondRate:
 
 
 @dataclass(frozen=True)
-class _PointMotion:
+class PointMotion:
     """A body's motion at the contact point: velocity and acceleration there, angular velocity; world axes."""
 
     velocity: FloatArray
@@ -122,8 +122,23 @@ def second_rate(
         normal: Unit normal from A to B, world axes.
         points: Contact points, or nearest points, of A and of B, opposite each other along the normal, world axes.
     """
-    a, b = (_motion(model, data, body, point) for body, point in zip(bodies, points, strict=True))
-    n_dot, s_a, s_b = _turning(shapes, (a, b), normal, points)
+    a, b = (point_motion(model, data, body, point) for body, point in zip(bodies, points, strict=True))
+    return second_rate_of((a, b), normal, *_turning(shapes, (a, b), normal, points))
+
+
+def second_rate_of(
+    motions: tuple[PointMotion, PointMotion], normal: FloatArray, n_dot: FloatArray, s_a: FloatArray, s_b: FloatArray
+) -> SecondRate:
+    """Second rate of the gap from the rate of the normal and the velocities of the contact point over both surfaces.
+
+    Args:
+        motions: Motions of bodies A and B at the contact point.
+        normal: Unit normal from A to B, world axes.
+        n_dot: Its rate.
+        s_a: Velocity of the contact point over A, relative to the material of A.
+        s_b: The same over B.
+    """
+    a, b = motions
     terms = (
         float(n_dot @ (b.velocity - a.velocity)),
         float(normal @ b.acceleration),
@@ -135,17 +150,17 @@ def second_rate(
     return SecondRate(sum(terms), max(map(abs, terms)), relative)
 
 
-def _motion(model: Any, data: Any, body: int, point: FloatArray) -> _PointMotion:
+def point_motion(model: Any, data: Any, body: int, point: FloatArray) -> PointMotion:
     """Motion of a body at a point fixed to it."""
     linear, angular, linear_dot = (np.empty((3, model.nv)) for _ in range(3))
     mujoco.mj_jac(model, data, linear, angular, point, body)
     mujoco.mj_jacDot(model, data, linear_dot, None, point, body)
-    return _PointMotion(linear @ data.qvel, linear @ data.qacc + linear_dot @ data.qvel, angular @ data.qvel)
+    return PointMotion(linear @ data.qvel, linear @ data.qacc + linear_dot @ data.qvel, angular @ data.qvel)
 
 
 def _turning(
     shapes: tuple[Shape, Shape],
-    motions: tuple[_PointMotion, _PointMotion],
+    motions: tuple[PointMotion, PointMotion],
     normal: FloatArray,
     points: tuple[FloatArray, FloatArray],
 ) -> tuple[FloatArray, FloatArray, FloatArray]:

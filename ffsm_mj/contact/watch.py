@@ -22,8 +22,10 @@ from ffsm_mj.state import Stateful
 Matrix = npt.NDArray[np.bool_]
 
 
-def collidable(model: Any) -> Matrix:
+def collidable(model: Any, cones: Iterable[int] = ()) -> Matrix:
     """Whether two geoms can collide, (ngeom, ngeom), symmetric: the filters of MuJoCo's collision detection.
+
+    Geoms that stand for cones (ids) have no bits: they can meet what collides with anything, save planes and each other.
 
     Geoms collide if a bit of ``contype`` of one is set in ``conaffinity`` of the other, unless they are on one rigid body,
     on bodies joined by a joint (``filterparent``), or on bodies of an ``exclude``. A ``pair`` of the MJCF overrides that.
@@ -31,6 +33,9 @@ def collidable(model: Any) -> Matrix:
     weld = model.body_weldid[model.geom_bodyid]
     parent = model.body_weldid[model.body_parentid[weld]]
     bits = (model.geom_contype[:, None] & model.geom_conaffinity[None, :]) != 0
+    inside = (model.geom_contype | model.geom_conaffinity) != 0
+    inside &= model.geom_type != int(mujoco.mjtGeom.mjGEOM_PLANE)
+    bits[list(cones)] = inside
     collide = (bits | bits.T) & (weld[:, None] != weld[None, :])
     if not model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_FILTERPARENT):
         # The world is no parent in this sense: a geom of the base may collide with the ground.

@@ -376,12 +376,21 @@ class NamedPoint(NamedTuple):
 
 
 class CheckedPair(NamedTuple):
-    """A pair of geoms whose contacts are resolved: its name, geom ids, coefficients of restitution and of friction."""
+    """A pair of geoms whose contacts are resolved.
+
+    Attributes:
+        name: Its name.
+        geoms: Geom ids.
+        restitution: Coefficient of restitution.
+        mu: Coefficient of friction.
+        nearest: Signed distance in m and nearest points in the world, (2, 3), m; None: those of both convex geoms.
+    """
 
     name: str
     geoms: tuple[int, int]
     restitution: float
     mu: float
+    nearest: tuple[float, FloatArray] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

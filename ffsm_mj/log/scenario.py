@@ -12,6 +12,7 @@ from ffsm_mj.config import StrictModel
 from ffsm_mj.errors import THE_LOG, InputError, ScenarioFaults, one_line
 from ffsm_mj.log.mcap.format import SCENARIO_ATTACHMENT
 from ffsm_mj.model.composition import compile_system
+from ffsm_mj.model.cones import ConeConfig
 from ffsm_mj.model.decompose import DecomposeList, with_logged_pieces
 from ffsm_mj.model.edits import AddedSite, JointFlex, LimitsMode, Strippable, motors_of, to_strip
 from ffsm_mj.model.files import ModelFiles, logged_model, logged_name
@@ -45,6 +46,7 @@ class _Model(_Part):
     sites: dict[str, _Site] | None = None
     joint_flex: dict[str, JointFlex] | None = None
     decompose: DecomposeList = ()
+    cones: tuple[ConeConfig, ...] | None = None
 
 
 class _Sensor(_Part):
@@ -157,6 +159,7 @@ def compile_log(log: RunLog, place: str = THE_LOG, grasp: Grasp | None = None) -
             body=part.body or "",
             sites=tuple(AddedSite(site, added.body, added.pos_m) for site, added in (part.sites or {}).items()),
             flex=part.joint_flex or {},
+            cones=part.cones or (),
         )
         return with_logged_pieces(changed, part.decompose, files)
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.model.actuators import actuator_faults, dampers_to_targets, effort_limits, smooth_controllers
+from ffsm_mj.model.cones import add_cones
 from ffsm_mj.model.decompose import decomposed_geoms
 from ffsm_mj.model.edits import add_flex, add_sites, make_motors, strip
 from ffsm_mj.model.files import ModelFiles
@@ -110,6 +111,7 @@ def part(name: str, files: ModelFiles, vfs: Any) -> Part:
     overridden = override(spec, name, files, vfs) if files.overrides else None
     warnings = overridden.warnings if overridden is not None else warnings_alone(files, vfs)
     add_sites(spec, files.sites)
+    add_cones(spec, files.cones, ("robot",) if name == "robot" else ("objects", name), fixed=files.pose is not None)
     add_flex(spec, files.flex)
     sensors, further = sensors_of_model(spec, name, files, timing)
     controllers = {actuator.name: actuator.name for actuator in spec.actuators} | separate_inputs(spec)
@@ -311,6 +313,7 @@ def compile_system(
         magnetorquers=tuple(magnetorquers),
         equalities=equalities,
         pieces={**fixed_terrain(model, scene, files), **dict(decomposed_geoms(model, files))},
+        cones={int(model.geom(f"{name}/{cone.name}").id): cone for name, file in files.items() for cone in file.cones},
         actuator_delays_s={name: delay for part in parts for name, delay in part.delays_s.items()},
     )
 

@@ -20,6 +20,7 @@ from typing import Protocol
 from ffsm_mj.decomposition.stored import Decomposition
 from ffsm_mj.errors import InputError
 from ffsm_mj.installation import add_extra
+from ffsm_mj.model.cones import ConeConfig
 from ffsm_mj.model.edits import AddedSite, JointFlex
 from ffsm_mj.model.properties import Overrides, Pose
 from ffsm_mj.model.xml import (
@@ -253,6 +254,7 @@ class ModelFiles:
         strip: Elements to remove before compilation; see :mod:`ffsm_mj.model.edits`.
         motors: Servos to make motors of before compilation; see :func:`ffsm_mj.model.edits.make_motors`.
         sites: Sites to add before compilation; see :mod:`ffsm_mj.model.edits`.
+        cones: Inner surfaces of cones to add before compilation; see :mod:`ffsm_mj.model.cones`.
         flex: Flexible drives by joint; see :mod:`ffsm_mj.model.edits`.
         overrides: Layers of changed properties of bodies and geoms, the last on top; see :mod:`ffsm_mj.model.overrides`.
         pose: Pose at which it is fixed to the world; None: it floats.
@@ -266,6 +268,7 @@ class ModelFiles:
     strip: tuple[str, ...] = ()
     motors: tuple[str, ...] = ()
     sites: tuple[AddedSite, ...] = ()
+    cones: tuple[ConeConfig, ...] = ()
     flex: Mapping[str, JointFlex] = field(default_factory=dict)
     overrides: tuple[Overrides, ...] = ()
     pose: Pose | None = None

@@ -17,6 +17,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.errors import full_name, names_like
+from ffsm_mj.model.cones import ConeConfig
 from ffsm_mj.model.files import ModelFiles, logged_name, stored_with
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.magnetorquers import Magnetorquer
@@ -143,6 +144,7 @@ class System:
         magnetorquers: Magnetorquers that the scenario adds.
         equalities: Places of the equality constraints that are active from the start, by their ids in the model.
         pieces: Convex pieces of geoms that are not convex, by geom id, in the axes of the geom.
+        cones: Inner surfaces of cones by the ids of the geoms that stand for them.
     """
 
     mj: Any
@@ -162,6 +164,7 @@ class System:
     magnetorquers: tuple[Magnetorquer, ...] = ()
     equalities: Mapping[int, str] = field(default_factory=dict)
     pieces: Mapping[int, tuple[Polytope, ...]] = field(default_factory=dict)
+    cones: Mapping[int, ConeConfig] = field(default_factory=dict)
 
     @property
     def trees(self) -> tuple[Tree, ...]:

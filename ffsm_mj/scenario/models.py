@@ -30,6 +30,7 @@ from pydantic import (
 
 from ffsm_mj.config import Name, StrictModel
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults, unknown_name
+from ffsm_mj.model.cones import ConeConfig
 from ffsm_mj.model.decompose import DecomposeList
 from ffsm_mj.model.edits import JointFlex, LimitsMode, Strippable
 from ffsm_mj.model.files import REST, ModelFiles, menagerie_file, read_model
@@ -121,6 +122,16 @@ class OfFile(FromFile):
     """Joints with limits in the model stop there (``stop``, see joint_limits), or move on (``ignore``)."""
     decompose: DecomposeList = ()
     """Meshes of the model that are not convex, as convex pieces: one, or a list."""
+    cones: tuple[ConeConfig, ...] = ()
+    """Inner surfaces of cones to add to bodies, which touch what is inside them; the file itself is not changed."""
+
+    @field_validator("cones")
+    @classmethod
+    def _have_names(cls, value: tuple[ConeConfig, ...]) -> tuple[ConeConfig, ...]:
+        names = [cone.name for cone in value]
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise ValueError(f"two cones are named {twice[0]!r}; give each a 'name' of its own")
+        return value
 
 
 class Robot(OfFile):

@@ -273,10 +273,10 @@ def test_the_last_normals_of_pieces(tmp_path, rng):
 
 
 def test_every_class_is_here():
-    """Whatever remembers: here, with the features, or with the control laws."""
+    """Whatever remembers: here, with the features and those of cones, or with the control laws."""
     known = (
         {kind for _, kind, _ in CASES}
         | {kind.__name__ for kind, _ in FEATURES}
-        | {"ContactPair", "NormalSearch", "UnionPair"}
+        | {"ContactPair", "NormalSearch", "UnionPair", "RoundOnCone", "RoundConePair", "NearestGenerators"}
     )
     assert set(classes_with_state("ffsm_mj")) == known

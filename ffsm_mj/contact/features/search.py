@@ -19,7 +19,9 @@ from typing import Any
 
 import mujoco
 
+from ffsm_mj.contact.cone_pair import ConePair
 from ffsm_mj.contact.features.body_motion import Body, Vector, cross, dot, minus, shifted
+from ffsm_mj.contact.features.cone_gaps import Cone, PointOnCone, RoundOnCone
 from ffsm_mj.contact.features.cores import Circle, Core, Curve, Ellipsoid, Face, Line, Point, RegionFace
 from ffsm_mj.contact.features.gap_function import Feature, FeatureState, GapFunction
 from ffsm_mj.contact.features.outline import CylinderOutline, EllipsoidOutline, Outline, PlaneOutline, PolytopeOutline
@@ -59,6 +61,8 @@ def features(pair: ContactPair, model: Any, data: Any, near: Proximity) -> tuple
         outside their bounds. A face on a face has several; there are none if only vertices or edges meet vertices or
         parallel edges.
     """
+    if isinstance(pair, ConePair):
+        return tuple(pair.features_at(model, data))
     if isinstance(near, UnionProximity):
         return _of_patch(near, model, data)
     return tuple(_search(pair, model, data, near).all())
@@ -129,6 +133,8 @@ def features_at_rest(
     all separate: the point at which the impact acted is at rest.
     """
     resting: list[Feature] = [feature for feature in features(pair, model, data, near) if is_at_rest(feature.at(data))]
+    if isinstance(pair, ConePair):
+        return resting
     return resting or [feature for feature in _search(pair, model, data, near).on_rims() if is_at_rest(feature.at(data))]
 
 
@@ -339,9 +345,9 @@ def gap_function(a: Core, b: Core, sense: float) -> GapFunction | None:
     return feature
 
 
-_GAPS = (PointOnFace, PointOnPoint, PointOnCurve, LineOnCurve, RimOnRim, SideOnRim, RimOnEllipsoid)
+_GAPS = (PointOnFace, PointOnPoint, PointOnCurve, LineOnCurve, RimOnRim, SideOnRim, RimOnEllipsoid, PointOnCone, RoundOnCone)
 _KINDS = {kind.__name__: kind for kind in (*_GAPS, RoundOnFace, OnEllipsoid, EllipsoidOnEllipsoid)}
-_CORES = {kind.__name__: kind for kind in (Point, Line, Face, RegionFace, Circle, Ellipsoid)}
+_CORES = {kind.__name__: kind for kind in (Point, Line, Face, RegionFace, Circle, Ellipsoid, Cone)}
 
 
 class StoredFeatures:

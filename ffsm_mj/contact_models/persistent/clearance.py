@@ -138,7 +138,7 @@ class Clearance:
 
 def may_touch_at_several_points(pair: Any) -> bool:
     """Whether a pair may touch at several points."""
-    return isinstance(pair, UnionPair) or not any(pair.is_of(kind) for kind in _ONE_POINT)
+    return isinstance(pair, UnionPair) or not pair.touches_once
 
 
 def _rolls_on_face(pair: ContactPair, features: Sequence[Feature]) -> bool:

@@ -167,6 +167,8 @@ def _look(scene: InitialScene, shape: DrawnShape) -> _Look:
 
 def _gap(model: Any, data: Any, pair: CheckedPair) -> tuple[float, FloatArray, CheckedPair]:
     """Signed distance in m and nearest points, (2, 3), m, of a pair."""
+    if pair.nearest is not None:
+        return *pair.nearest, pair
     ends = np.zeros(6)
     gap = float(mujoco.mj_geomDistance(model, data, *pair.geoms, _FAR_M, ends))
     return gap, ends.reshape(2, 3), pair

@@ -15,6 +15,7 @@ from ffsm_mj.records.kinds import kind_of
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import FRICTION_HEAT, SLIDING_HEAT
 from ffsm_mj.tolerances import MECHANISM_RANK
+from ffsm_mj.verification.independent.cones import TangentPlanes
 from ffsm_mj.verification.independent.finding import (
     CONTACT_GEOMETRY,
     EQUALITIES,
@@ -195,6 +196,10 @@ def _distance(scene: LoggedScene, qpos: Array, change: Array, geoms: list[int], 
     mujoco.mj_integratePos(model, qpos, change, 1.0)
     data.qpos[:] = qpos
     mujoco.mj_kinematics(model, data)
+    if (cone := next((geom for geom in geoms if geom in scene.system.cones), None)) is not None:
+        planes, inward = TangentPlanes(scene, cone), normal if cone == geoms[0] else -normal
+        other = geoms[1] if cone == geoms[0] else geoms[0]
+        return planes.least_distance(data, other, planes.angle_of_normal(data, inward), _LIFT_M)
     data.geom_xpos[geoms[1]] += _LIFT_M * normal
     return float(mujoco.mj_geomDistance(model, data, geoms[0], geoms[1], 10.0 * _LIFT_M + _TRAVEL_M, None))
 
@@ -267,8 +272,10 @@ def contact_geometry(scene: LoggedScene) -> list[Finding]:
 
 def _miss(scene: LoggedScene, record: Any) -> tuple[float, float]:
     """Angle of the normal to the line between the nearest points, and that of the contact point beside it."""
-    data, second = scene.data, int(scene.model.geom(record.geoms[1]).id)
+    data, (first, second) = scene.data, (int(scene.model.geom(name).id) for name in record.geoms)
     scene.put(record.qpos, np.zeros(scene.model.nv))
+    if scene.system.cones.keys() & {first, second}:
+        return _miss_in_cone(scene, record, first, second)
     place, misses = data.geom_xpos[second].copy(), []
     for apart_m in _APART_M:
         data.geom_xpos[second] = place + apart_m * np.array(record.normal)
@@ -277,6 +284,20 @@ def _miss(scene: LoggedScene, record: Any) -> tuple[float, float]:
             break
     between, beside = zip(*misses, strict=True)
     return min(between), min(beside)
+
+
+def _miss_in_cone(scene: LoggedScene, record: Any, first: int, second: int) -> tuple[float, float]:
+    """The same inside a cone: the normal is that of the tangent plane at the point, which the other geom touches."""
+    cone, other, inward = (first, second, 1.0) if first in scene.system.cones else (second, first, -1.0)
+    planes, point, nearest = TangentPlanes(scene, cone), np.array(record.point_m), np.empty(6)
+    if planes.is_at_rim(scene.data, point):
+        return 0.0, 0.0  # no tangent plane is there
+    angle, apart_m = planes.angle_of(scene.data, point), _APART_M[0]
+    normal = planes.normal(scene.data, angle)
+    off = planes.distance(scene.data, other, angle, apart_m, nearest) - apart_m
+    beside = (point - nearest[:3]) @ normal - apart_m
+    between = np.linalg.norm(normal - inward * np.array(record.normal))
+    return max(float(between), abs(off) / apart_m), abs(float(beside)) / apart_m
 
 
 def _miss_at(scene: LoggedScene, record: Any, apart_m: float) -> tuple[float, float]:
