@@ -73,6 +73,18 @@ def _sentence(rule: ContactRule, contacts: Contacts) -> str:
     return f"{rule.name}: e = {rule.restitution:g}{friction}, {which}{left}"
 
 
+def cone_lines(contacts: Contacts, system: System) -> Iterator[str]:
+    """A heading and one line for each cone, with the geoms that may touch it; none without any."""
+    if system.cones:
+        yield "cones, inner surfaces"
+    for geom, cone in system.cones.items():
+        name, angle = system.mj.geom(geom).name, f"half angle {cone.half_angle_deg:g} deg"
+        extent = f"from {cone.from_m:g} to {cone.length_m:g} m from the apex"
+        inside = len({pair.geom_ids for pair in contacts.pairs if geom in pair.geom_ids})
+        met = f"{inside} geom{'s' * (inside != 1)} may touch it" if inside else "nothing touches it: no contact rule has it"
+        yield f"  {name}: {angle}, {extent}, mouth of radius {cone.mouth_radius_m:.4g} m; {met}"
+
+
 def contact_notes(contacts: Contacts, system: System) -> Iterator[str]:
     """Notes on contacts that are reported instead of resolved, and on those that end the run."""
     yield from _filtered(contacts, system)
@@ -471,6 +483,7 @@ def describe(assembly: Assembly) -> list[str]:
         *(f"  {body.name}: fixed, bodies {len(body.bodies)}" for body in system.fixed),
         *piece_lines(system),
         *(f"  {line}" for line in rule_lines(assembly.contacts)),
+        *(f"  {line}" for line in cone_lines(assembly.contacts, assembly.system)),
         *_limited_joints(assembly.limits),
         *spring_lines(scenario, system, assembly.data),
         *_servos(assembly),

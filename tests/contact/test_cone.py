@@ -11,8 +11,11 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
+from ffsm_mj.assembly.notes import contact_notes
 from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
+from tests.contact.test_half_space import GEOMS
 from tests.replays import assert_passes, assert_replayed
 from tests.scenes import HEAD, ball, box, scene
 
@@ -345,6 +348,47 @@ def test_boosts_and_turns_of_everything_change_nothing(tmp_path):
     assert impulses == pytest.approx(other_impulses, abs=1e-12)
 
 
+def test_a_round_ring_keeps_the_energy_that_facets_take(tmp_path):
+    """One turn at e = 0 in a cone of 1 degree, nearly a cylinder: a ring of N facets keeps cos(2 pi / N)^(2 N) of it."""
+    slope = math.radians(1.0)
+    rho = 0.4
+    height = (R + rho * math.cos(slope)) / math.sin(slope)
+    start = {"joints": {"robot/free": [rho, 0, height, 1, 0, 0, 0]}, "rates": {"robot/free": [0, 1.0, 0, 0, 0, 0]}}
+    cone = {"half_angle_deg": 1.0, "length_m": height + 5.0, "from_m": height - 5.0}
+    run = ffsm_mj.run(in_funnel(tmp_path, ball("ball", radius=R), cone=cone, initial=start, duration_s=2.6))
+    assert_passes(run)
+    assert np.linalg.norm(run.qvel[-1, :3]) ** 2 == pytest.approx(1.0, abs=1e-10)  # 64 facets: 0.539106
+    turned = np.unwrap(np.arctan2(run.qpos[:, 1], run.qpos[:, 0]))[-1]
+    # The geodesic: tan(turned sin(slope)) = distance / (rho / sin(slope)).
+    assert turned == pytest.approx(math.atan(2.6 * math.sin(slope) / rho) / math.sin(slope), abs=1e-9)
+    assert turned > 2.0 * math.pi
+    assert not run.impacts
+
+
+@pytest.mark.parametrize(
+    ("body", "wanted"),
+    [
+        pytest.param("cylinder", "rim", marks=pytest.mark.long),
+        pytest.param("ellipsoid", "side", marks=pytest.mark.long),
+        ("mesh", "vertex"),
+        ("capsule", "end"),
+    ],
+)
+@pytest.mark.parametrize("restitution", [0.0, 1.0])
+def test_thrown_about_in_a_cone(tmp_path, body, wanted, restitution):
+    """Energy, momenta, penetration, forces and geometry by the checks, which compute them again."""
+    mesh = '<asset><mesh name="tip" vertex="0 0 .15 0 0 -.15 .1 0 0 -.1 0 0 0 .1 0 0 -.1 0"/></asset>'
+    robot = f"""<mujoco>{HEAD}{mesh}<worldbody><body name="body"><freejoint name="free"/>
+      <inertial pos="0.01 0 0.02" mass="1" diaginertia="0.01 0.012 0.008"/>
+      <geom name="body" {GEOMS[body]} mass="0"/></body></worldbody></mujoco>"""
+    start = {"joints": {"robot/free": [0.3, 0.1, 1.3, *TURN]}, "rates": {"robot/free": [-0.2, 0.3, -0.9, 1.0, -0.5, 0.7]}}
+    run = ffsm_mj.run(in_funnel(tmp_path, robot, restitution=restitution, mu=0.1, initial=start, time_step_s=1e-3))
+    assert_passes(run)
+    assert run.impacts
+    assert all(f"body-cone {wanted}" in impact.pair for impact in run.impacts)
+    assert_replayed(run)
+
+
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
@@ -377,3 +421,26 @@ def test_two_cones_of_one_name(tmp_path):
     path.write_text(json.dumps(data))
     with pytest.raises(InputError, match="two cones are named 'cone'"):
         prepare(path)
+
+
+def test_what_check_says(tmp_path, capsys):
+    start = {"joints": {"robot/free": [0, 0, 1.0, 1, 0, 0, 0]}}
+    assert main(["check", str(in_funnel(tmp_path, ball("ball", radius=R), initial=start))]) == 0
+    line = next(line for line in capsys.readouterr().out.splitlines() if "funnel/cone" in line)
+    assert "half angle 30 deg, from 0 to 2 m from the apex, mouth of radius 1.155 m; 1 geom may touch it" in line
+
+
+def test_names_of_a_cone_in_rules(tmp_path):
+    """Alone by its name, and ignored."""
+    path = in_funnel(tmp_path, ball("ball", radius=R), initial={"joints": {"robot/free": [0, 0, 1.0, 1, 0, 0, 0]}})
+    data = json.loads(path.read_text())
+    for between, ignored, names in (
+        (["ball", "funnel/cone"], [], ["ball-funnel/cone"]),
+        (["ball", "funnel"], [], ["ball-back", "ball-cone"]),
+        (["ball", "funnel"], [{"between": ["robot", "funnel/cone"], "reason": "far"}], ["ball-back"]),
+    ):
+        data["contacts"] = {"rules": [{"between": between}], "ignored": ignored}
+        path.write_text(json.dumps(data))
+        assembly = prepare(path).assemble()
+        assert [pair.name for pair in assembly.pairs] == names
+        assert not any("cone" in line for line in contact_notes(assembly.contacts, assembly.system))
