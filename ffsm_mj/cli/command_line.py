@@ -271,6 +271,13 @@ def _describe_new(new: argparse.ArgumentParser) -> None:
         default=[],
         help="folder to search for package://NAME/... of a URDF, after the parent folders of the file; may be repeated",
     )
+    new.add_argument(
+        "--decompose",
+        nargs="?",
+        const="planes",
+        choices=("planes", "coacd"),
+        help="make convex pieces of meshes that are not convex: 'planes' (default), exact by their face planes, or 'coacd'",
+    )
     new.add_argument("--out", metavar="DIR", default=".", help="output folder (default: current folder)")
 
 

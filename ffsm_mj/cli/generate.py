@@ -31,10 +31,12 @@ def _new_scene(options: argparse.Namespace, stage: Stage) -> list[str]:
     if options.menagerie or not options.robot:
         raise InputError("new: --scene FILE needs --robot BODY, the root body of the robot in the file")
     if options.base or options.base_mass or options.root or options.tip or options.package_path:
-        raise InputError("new: --scene FILE goes with --robot BODY and --out alone")
+        raise InputError("new: --scene FILE goes with --robot BODY, --decompose and --out alone")
     with working_on(options.scene):
         stage(f"compile {options.scene}")
-        return write_scene(SceneRequest(options.name, Path(options.scene), options.robot, Path(options.out)))
+        return write_scene(
+            SceneRequest(options.name, Path(options.scene), options.robot, Path(options.out), options.decompose or "")
+        )
 
 
 def _new_robot(options: argparse.Namespace, stage: Stage) -> list[str]:
@@ -57,6 +59,7 @@ def _new_robot(options: argparse.Namespace, stage: Stage) -> list[str]:
                 root=options.root,
                 tip=options.tip,
                 packages=tuple(map(Path, options.package_path)),
+                decompose=options.decompose or "",
             )
         )
 

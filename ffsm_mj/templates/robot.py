@@ -35,7 +35,7 @@ from ffsm_mj.templates.pose import (
     starting_pose,
 )
 from ffsm_mj.templates.robot_text import Approach, Base, Places, Start, ball_text, model_text, rounded, scenario_text
-from ffsm_mj.templates.vendor import needed_strips, read_vendor
+from ffsm_mj.templates.vendor import Decomposable, decomposable, needed_strips, read_vendor
 
 TIME_STEP_S, CONTROL_PERIOD_S = 0.001, 0.005
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
@@ -61,6 +61,7 @@ class TemplateRequest:
         root: Body that the robot is with all below it; empty: the only one that moves.
         tip: Name of a site or body of the robot; empty: to be found.
         packages: Folders of the packages that a URDF names.
+        decompose: Method for meshes that are not convex; empty: they stay their hulls.
     """
 
     name: str
@@ -71,6 +72,7 @@ class TemplateRequest:
     root: str = ""
     tip: str = ""
     packages: tuple[Path, ...] = ()
+    decompose: str = ""
 
 
 def write_scenario(asked: TemplateRequest) -> list[str]:
@@ -111,13 +113,19 @@ def write_scenario(asked: TemplateRequest) -> list[str]:
         folders = [vendor.folder] if asked.base and outside else []
         files = read_model(robot, folders, asked.packages)
         files = replace(files, strip=tuple(needed_strips(files)))
+        decomposed = Decomposable((), ())
+        if asked.decompose:
+            alone = compile_system(files, {}, time_step_s=TIME_STEP_S)
+            decomposed = decomposable(files, alone, "robot", asked.decompose, robot.parent)
         start = _start(files, ball, asked.tip)
         places = Places(
             _relative(robot, asked.out),
             [_relative(folder, asked.out) for folder in folders],
             [_relative(package, asked.out) for package in asked.packages],
         )
-        scenario.write_text(scenario_text(name, asked.robot.name, files.strip, start, places), encoding="utf-8")
+        scenario.write_text(
+            scenario_text(name, asked.robot.name, files.strip, decomposed.data, start, places), encoding="utf-8"
+        )
         prepare(scenario)
     written = [path.name for path in (scenario, model, ball) if path.exists()]
     unmounted = (
@@ -132,6 +140,7 @@ def write_scenario(asked: TemplateRequest) -> list[str]:
         f"tip: {start.description}",
         *([f"no ball: {start.without_ball}"] if start.without_ball else []),
         f"removed from the robot: {', '.join(files.strip) or 'nothing'}",
+        *(f"mesh {line}" for line in decomposed.lines),
         f"next: {command('check', scenario)} && {command('run', scenario)}",
     ]
 

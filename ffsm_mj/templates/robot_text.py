@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
 from ffsm_mj.templates.vendor import Vendor
@@ -147,13 +148,16 @@ def ball_text(radius: float, mass: float) -> str:
 """
 
 
-def scenario_text(name: str, robot: str, strip: Sequence[str], start: Start, places: Places) -> str:
+def scenario_text(
+    name: str, robot: str, strip: Sequence[str], decompose: Sequence[Mapping[str, Any]], start: Start, places: Places
+) -> str:
     """The scenario, commented.
 
     Args:
         name: Its name.
         robot: Name of the robot's file, for people.
         strip: Elements removed from the robot.
+        decompose: Meshes that become convex pieces.
         start: Pose, tip and ball at the start.
         places: Where the robot's files are.
     """
@@ -169,7 +173,7 @@ def scenario_text(name: str, robot: str, strip: Sequence[str], start: Start, pla
         "",
         "robot:",
         f"  mjcf: {write_flow(places.model)}",
-        *_robot_lines(strip, start, places),
+        *_robot_lines(strip, decompose, start, places),
         *_initial_lines(name, start),
         "",
         "# The report states the distance of the tip from this point, its initial position.",
@@ -243,7 +247,7 @@ def _phase_lines(start: Start) -> list[str]:
     ]
 
 
-def _robot_lines(strip: Sequence[str], start: Start, places: Places) -> list[str]:
+def _robot_lines(strip: Sequence[str], decompose: Sequence[Mapping[str, Any]], start: Start, places: Places) -> list[str]:
     lines = []
     if places.folders:
         lines += ["  # Folders of the vendor's files; no others are read.", f"  asset_folders: {flow(places.folders)}"]
@@ -253,6 +257,11 @@ def _robot_lines(strip: Sequence[str], start: Start, places: Places) -> list[str
         lines += [
             "  # Removed before compilation: these elements are not modelled.",
             f"  strip: {flow(strip)}",
+        ]
+    if decompose:
+        lines += [
+            "  # Meshes that are not convex, as convex pieces: what touches would be their hulls.",
+            f"  decompose: {flow_maps(decompose)}",
         ]
     if start.on:
         body, place = start.on
@@ -266,6 +275,12 @@ def _robot_lines(strip: Sequence[str], start: Start, places: Places) -> list[str
 def flow(values: Sequence[float | str]) -> str:
     """Numbers, with seven digits, or texts as a list in YAML."""
     return write_flow([value if isinstance(value, str) else _number(value) for value in values])
+
+
+def flow_maps(maps: Sequence[Mapping[str, Any]]) -> str:
+    """Mappings of plain values as a list in YAML, with braces around each."""
+    texts = (", ".join(f"{key}: {write_flow(value)}" for key, value in one.items()) for one in maps)
+    return f"[{', '.join(f'{{{text}}}' for text in texts)}]"
 
 
 def _number(value: float) -> float | int:

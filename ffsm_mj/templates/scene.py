@@ -15,8 +15,8 @@ from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError, ScenarioFaults, one_line
 from ffsm_mj.invocation import command
 from ffsm_mj.scenario.loading import load_scenario
-from ffsm_mj.templates.robot_text import flow
-from ffsm_mj.templates.vendor import needed_strips
+from ffsm_mj.templates.robot_text import flow, flow_maps
+from ffsm_mj.templates.vendor import Decomposable, decomposable, needed_strips
 from ffsm_mj.yaml import write_flow
 
 
@@ -29,12 +29,14 @@ class SceneRequest:
         scene: The file.
         robot: Root body of the robot.
         out: Folder to write to.
+        decompose: Method for meshes that are not convex; empty: they stay their hulls.
     """
 
     name: str
     scene: Path
     robot: str
     out: Path
+    decompose: str = ""
 
 
 def write_scene(asked: SceneRequest) -> list[str]:
@@ -55,9 +57,15 @@ def write_scene(asked: SceneRequest) -> list[str]:
         files = model_files(*load_scenario(path))
         moving = {name: file for name, file in files.items() if file.pose is None}
         strips = {name: strip for name, file in moving.items() if (strip := needed_strips(file))}
-        path.write_text(_text(asked, strips), encoding="utf-8")
+        changes = {name: {"strip": flow(words)} for name, words in strips.items()}
+        path.write_text(_text(asked, changes), encoding="utf-8")
+        decomposed = _decomposed(path, asked) if asked.decompose else {}
+        for name, one in decomposed.items():
+            if one.wanted:
+                changes.setdefault(name, {})["decompose"] = flow_maps(one.data)
+        path.write_text(_text(asked, changes), encoding="utf-8")
         overlaps = _overlaps(path)
-        path.write_text(_text(asked, strips, overlaps), encoding="utf-8")
+        path.write_text(_text(asked, changes, overlaps), encoding="utf-8")
         prepared = prepare(path)
     except BaseException as error:
         path.unlink(missing_ok=True)
@@ -69,6 +77,7 @@ def write_scene(asked: SceneRequest) -> list[str]:
         f"files in {asked.out}: {path.name}",
         f"robot: {asked.robot}; objects: {objects}",
         f"removed: {'; '.join(f'{name}: {flow(words)}' for name, words in strips.items()) or 'nothing'}",
+        *(f"mesh {name}/{line}" for name, one in decomposed.items() for line in one.lines),
         *([f"contacts ignored, as they overlap at the start: {len(overlaps)}"] if overlaps else []),
         f"next: {command('check', path)} && {command('run', path)}",
     ]
@@ -98,11 +107,22 @@ def _overlaps(path: Path) -> list[tuple[str, str]]:
     return [pair.geoms for pair, _ in overlapping(system, data, contacts)]
 
 
-def _text(asked: SceneRequest, strips: Mapping[str, Sequence[str]], overlaps: Sequence[tuple[str, str]] = ()) -> str:
-    """The scenario, commented; with elements removed from models by name, and contacts ignored that overlap."""
+def _decomposed(path: Path, asked: SceneRequest) -> dict[str, Decomposable]:
+    """Meshes of each model that are not convex."""
+    scenario, source = load_scenario(path)
+    system = compile_scenario(scenario, source)[0]
+    home = asked.scene.parent
+    return {name: decomposable(file, system, name, asked.decompose, home) for name, file in system.files.items()}
+
+
+def _text(asked: SceneRequest, changes: Mapping[str, Mapping[str, str]], overlaps: Sequence[tuple[str, str]] = ()) -> str:
+    """The scenario, commented; with the keys that it has for models by name, as YAML, and contacts ignored that overlap."""
     file = Path(os.path.relpath(asked.scene, asked.out)).as_posix()
-    robot = [f"robot: {{strip: {flow(strips['robot'])}}}"] if "robot" in strips else []
-    others = [f"  {name}: {{strip: {flow(words)}}}" for name, words in strips.items() if name != "robot"]
+    texts = {
+        name: f"{{{', '.join(f'{key}: {value}' for key, value in change.items())}}}" for name, change in changes.items()
+    }
+    robot = [f"robot: {texts['robot']}"] if "robot" in texts else []
+    others = [f"  {name}: {text}" for name, text in texts.items() if name != "robot"]
     lines = [
         f"# The scene of {asked.scene.name}. Edit this file freely:",
         f"# 'ffsm check {asked.name}.yaml' validates it; the user guide describes every key.",
@@ -115,7 +135,11 @@ def _text(asked: SceneRequest, strips: Mapping[str, Sequence[str]], overlaps: Se
         "# The robot is one tree of the file. The others are objects with the names of their root bodies, and what the file",
         "# fixes to the world is the object 'surroundings'. Its first keyframe is the initial state.",
         f"scene: {{mjcf: {write_flow(file)}, robot: {write_flow(asked.robot)}}}",
-        *(["# Removed before compilation: these elements are not modelled."] if strips else []),
+        *(
+            ["# 'strip' is removed before compilation, as it is not modelled; 'decompose' makes pieces of meshes."]
+            if changes
+            else []
+        ),
         *robot,
         *(["objects:", *others] if others else []),
         "",

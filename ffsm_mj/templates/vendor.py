@@ -6,21 +6,26 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from warnings import catch_warnings
 
 import mujoco
 
 from ffsm_mj.errors import InputError, unknown_name
+from ffsm_mj.hull import hull_offset
 from ffsm_mj.model.composition import compile_system
+from ffsm_mj.model.decompose import Decompose, with_pieces
 from ffsm_mj.model.files import ModelFiles, read_model
 from ffsm_mj.model.mujoco_process import collected_warnings
 from ffsm_mj.model.source import compile_spec, load_spec, parse_spec
+from ffsm_mj.model.system import System
 from ffsm_mj.model.unsupported import BELOW_ZERO
 
 _STRIPS = ("damping", "stiffness", "frictionloss", "limits", "equalities", "tendons", "servos", "sensors")
 """What may have to be taken out of a model, for a kind that is not modelled."""
 _TIME_STEP_S = 0.001
+_CONVEX_M = 1e-4
+"""Meshes whose convex hull is closer than this need no pieces."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +98,52 @@ def needed_strips(files: ModelFiles) -> list[str]:
         if mistakes := [line for line in refused if BELOW_ZERO in line]:
             raise InputError(mistakes)
     return needed
+
+
+class Decomposable(NamedTuple):
+    """Meshes of a model that touch something and are not convex.
+
+    Attributes:
+        wanted: Those that can be decomposed, as a scenario has them.
+        lines: What became of all of them, as text.
+    """
+
+    wanted: tuple[Decompose, ...]
+    lines: tuple[str, ...]
+
+    @property
+    def data(self) -> list[dict[str, Any]]:
+        """Those that can be decomposed, as plain data for a file."""
+        return [one.model_dump(exclude_defaults=True) for one in self.wanted]
+
+
+def decomposable(files: ModelFiles, system: System, name: str, method: str, folder: Path) -> Decomposable:
+    """Find and decompose the meshes of a model that touch something and are not convex.
+
+    Args:
+        files: Files of the model.
+        system: A scene with it.
+        name: Its name in the scene.
+        method: ``planes`` or ``coacd``.
+        folder: Folder of its main file.
+    """
+    mj, prefix = system.mj, f"{name}/"
+    solid = (mj.geom_contype | mj.geom_conaffinity) != 0
+    meshes = dict[str, None]()
+    for geom in range(mj.ngeom):
+        if solid[geom] and mj.geom(geom).name.startswith(prefix) and hull_offset(mj, geom) > _CONVEX_M:
+            meshes[mj.mesh(int(mj.geom_dataid[geom])).name.removeprefix(prefix)] = None
+    wanted, lines = list[Decompose](), list[str]()
+    for mesh in meshes:
+        one = Decompose.model_validate({"mesh": mesh, "method": method})
+        try:
+            pieces = with_pieces(files, [one], folder, ()).pieces[mesh]
+        except InputError as error:
+            lines.append(f"{mesh} stays its hull: {error.lines[0]}")
+        else:
+            wanted.append(one)
+            lines.append(f"{mesh}: {pieces.sentence}")
+    return Decomposable(tuple(wanted), tuple(lines))
 
 
 def _is_accepted(files: ModelFiles, strip_words: Sequence[str]) -> bool:

@@ -14,6 +14,7 @@ import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.cli.main import main
+from tests.decomposition import meshes
 from tests.model.fake_menagerie import Menagerie
 from tests.model.test_model_files import TETRA
 from tests.replays import assert_passes
@@ -412,6 +413,43 @@ def test_only_what_is_not_modelled_is_removed(vendor, capfd):
     vendor("robot.xml", SERVO_ARM.replace("<actuator>", sensor).replace('<body name="upper"', frames))
     assert main(["new", "my", "--robot", "../vendor/robot.xml"]) == 0
     assert "removed from the robot: sensors\n" in capfd.readouterr().out
+
+
+@pytest.mark.parametrize("scene", [False, True])
+def test_meshes_that_are_not_convex_become_pieces(vendor, capfd, scene):
+    """Those that can be decomposed, in the robot and in objects; of others it is said why not."""
+
+    def mesh(name, vertices, faces):
+        numbers = " ".join(map(repr, vertices.reshape(-1).tolist()))
+        return f'<mesh name="{name}" vertex="{numbers}" face="{" ".join(map(str, faces.reshape(-1).tolist()))}"/>'
+
+    vertices, faces = meshes.bracket()
+    whole = [mesh("bracket", vertices, faces), mesh("open", vertices, faces[1:]), mesh("box", *meshes.box())]
+    geoms = "".join(f'<geom type="mesh" mesh="{name}" pos="{x} 0 0"/>' for x, name in enumerate(("bracket", "open", "box")))
+    other = f'<body name="part" pos="5 0 0"><freejoint/>{geoms}</body>' if scene else ""
+    path = vendor(
+        "robot.xml",
+        f'<mujoco><asset>{"".join(whole)}</asset><worldbody><body name="base"><freejoint/>{geoms}</body>{other}'
+        "</worldbody></mujoco>",
+    )
+    asked = ["--scene", path, "--robot", "base"] if scene else ["--robot", path]
+    assert main(["new", "my", *asked, "--decompose"]) == 0
+    said = capfd.readouterr().out
+    prefixes = ("robot/", "part/") if scene else ("",)
+    for prefix in prefixes:
+        assert f"mesh {prefix}bracket: 2 pieces by planes 1, at least" in said
+        assert f"mesh {prefix}open stays its hull: " in said
+        assert "mesh 'open': is not closed" in said
+        assert f"mesh {prefix}box" not in said
+    prepared = prepare("my.yaml")
+    assert [one.mesh for one in prepared.scenario.robot.decompose] == ["bracket"]
+    assert [len(pieces) for pieces in prepared.system.pieces.values()] == [2] * len(prefixes)
+    assert main(["check", "my.yaml"]) == 0
+    told = capfd.readouterr().out
+    assert "    robot/bracket: 2 pieces by planes 1, at least" in told
+    if not scene:
+        hulls = [line for line in told.splitlines() if "as the convex hull of its mesh" in line]
+        assert len(hulls) == 1
 
 
 def test_a_scene_in_one_file(vendor, capfd):
