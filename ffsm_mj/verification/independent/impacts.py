@@ -29,6 +29,7 @@ from ffsm_mj.verification.independent.finding import (
 )
 from ffsm_mj.verification.independent.kept_rows import MOST, SAME_TIME_S
 from ffsm_mj.verification.independent.scene import LoggedRows, LoggedScene, forces_known
+from ffsm_mj.verification.independent.shapes import Shapes, touching
 
 _NO_SPEED_M_S = 1e-9
 """Contacts that separate slower than this are at rest whatever the rule says: the rounding of gap rates is 1e-12 m/s."""
@@ -118,9 +119,12 @@ def _must_rest(scene: LoggedScene, rows: LoggedRows, event: list[Any], record: A
 def _pressing(scene: LoggedScene, rows: LoggedRows, event: list[Any], record: Any) -> Pressing | None:
     """Bounds on the acceleration that presses a contact; None where it is not computed here.
 
-    That of several contacts, of joint limits, with friction or with grasps depends on the forces at the others.
+    That of several contacts, of joint limits, with friction or with grasps depends on the forces at the others; distances of
+    geoms that are not convex are those of several pieces.
     """
     if len(event) > 1 or hasattr(record, "joint") or record.mu > 0.0 or scene.grasps:
+        return None
+    if any(scene.model.geom(name).id in scene.system.pieces for name in record.geoms):
         return None
     return pressing(scene, rows, record, _UNSURE)
 
@@ -261,7 +265,8 @@ def contact_geometry(scene: LoggedScene) -> list[Finding]:
     """Worst difference of the normals and points of impacts from those of the geoms moved apart, rad, by MuJoCo's distances.
 
     Two convex bodies touch with the normal n if and only if the second, moved by d along n, is at a distance d, and the
-    points that touched are the nearest ones: planes across n keep the two apart, at any d.
+    points that touched are the nearest ones: planes across n keep the two apart, at any d. Of geoms that are not convex, the
+    pieces at the contact point are taken two by two.
     """
     worst = Worst(CONTACT_GEOMETRY)
     impacts = [record for record in scene.log.impact_records if not hasattr(record, "joint")]
@@ -272,18 +277,24 @@ def contact_geometry(scene: LoggedScene) -> list[Finding]:
 
 def _miss(scene: LoggedScene, record: Any) -> tuple[float, float]:
     """Angle of the normal to the line between the nearest points, and that of the contact point beside it."""
-    data, (first, second) = scene.data, (int(scene.model.geom(name).id) for name in record.geoms)
+    first, second = (int(scene.model.geom(name).id) for name in record.geoms)
     scene.put(record.qpos, np.zeros(scene.model.nv))
     if scene.system.cones.keys() & {first, second}:
         return _miss_in_cone(scene, record, first, second)
-    place, misses = data.geom_xpos[second].copy(), []
-    for apart_m in _APART_M:
-        data.geom_xpos[second] = place + apart_m * np.array(record.normal)
-        misses.append(_miss_at(scene, record, apart_m))
-        if max(misses[-1]) <= TOLERANCES[CONTACT_GEOMETRY]:
+    best = (np.inf, np.inf)
+    # Of the pieces at a point those touch that the normal keeps apart; others meet beside them.
+    for shapes in touching(scene, (first, second), np.array(record.point_m)):
+        misses, place = [], shapes.data.geom_xpos[shapes.second].copy()
+        for apart_m in _APART_M:
+            shapes.data.geom_xpos[shapes.second] = place + apart_m * np.array(record.normal)
+            misses.append(_miss_at(shapes, record, apart_m))
+            if max(misses[-1]) <= TOLERANCES[CONTACT_GEOMETRY]:
+                break
+        between, beside = zip(*misses, strict=True)
+        best = min(best, (min(between), min(beside)), key=max)
+        if max(best) <= TOLERANCES[CONTACT_GEOMETRY]:
             break
-    between, beside = zip(*misses, strict=True)
-    return min(between), min(beside)
+    return best
 
 
 def _miss_in_cone(scene: LoggedScene, record: Any, first: int, second: int) -> tuple[float, float]:
@@ -300,11 +311,10 @@ def _miss_in_cone(scene: LoggedScene, record: Any, first: int, second: int) -> t
     return max(float(between), abs(off) / apart_m), abs(float(beside)) / apart_m
 
 
-def _miss_at(scene: LoggedScene, record: Any, apart_m: float) -> tuple[float, float]:
-    """The same with the geoms at a distance in m."""
+def _miss_at(shapes: Shapes, record: Any, apart_m: float) -> tuple[float, float]:
+    """The same of two shapes at a distance in m."""
     normal, point, nearest = np.array(record.normal), np.array(record.point_m), np.empty(6)
-    first, second = (int(scene.model.geom(name).id) for name in record.geoms)
-    mujoco.mj_geomDistance(scene.model, scene.data, first, second, 2.0 * apart_m, nearest)
+    mujoco.mj_geomDistance(shapes.model, shapes.data, shapes.first, shapes.second, 2.0 * apart_m, nearest)
     between, beside = nearest[3:] - nearest[:3] - apart_m * normal, point - nearest[:3]
     # Of several points of a face the nearest one is any: all are in the plane across the normal.
     away = np.linalg.norm(beside) if record.manifold == "point" else abs(beside @ normal)
