@@ -17,6 +17,7 @@ from ffsm_mj.contact.cone_pair import cone_fault, cone_pairs
 from ffsm_mj.contact.motion_bound import speeds_per_root_energy
 from ffsm_mj.contact.pairs import ContactPair, shape_fault
 from ffsm_mj.contact.sides import Sides
+from ffsm_mj.contact.solid.welding import TooThinError
 from ffsm_mj.contact.union_pair import UnionPair
 from ffsm_mj.contact.watch import Matrix, collidable
 from ffsm_mj.errors import Faults, unknown_name
@@ -341,11 +342,13 @@ def _pairs(
     Geoms of rigid bodies with several pieces that touch each other are one pair for each two bodies.
 
     Raises:
-        ScenarioFaults: A pair that a rule names by its two geoms cannot meet, or has no exact distance.
+        ScenarioFaults: A pair that a rule names by its two geoms cannot meet, or has no exact distance; or
+            ``contacts.weld_m`` is too large for a piece.
     """
     names = short_names(geom_names(system))
     pairs: list[ContactPair] = []
     unsupported: dict[frozenset[int], str] = {}
+    thin: dict[int, str] = {}
     sides = Sides(
         system, {geom for rule in rules for pair in rule.geoms for geom in pair if geom not in system.cones}, weld_m
     )
@@ -371,7 +374,12 @@ def _pairs(
                         pairs.append(ContactPair(system, name, a, b, rule.restitution, rule.mu, rule=rule.name))
             for geoms in united.values():
                 with faults.below(*_RULES, i, "between"):
-                    pairs.append(_union_pair(system, sides, rule, geoms, names))
+                    try:
+                        pairs.append(_union_pair(system, sides, rule, geoms, names))
+                    except TooThinError as error:
+                        thin[error.source] = error.sentence
+        for geom, sentence in thin.items():
+            faults.add(f"{names[geom]} {sentence}", "contacts", "weld_m")
     return tuple(pairs), unsupported
 
 
@@ -380,14 +388,19 @@ def _union_pair(
 ) -> UnionPair:
     """The pair of the rigid bodies of some geoms."""
     first, second = (sorted({pair[k] for pair in geoms}) for k in (0, 1))
-    a, b = (names[some[0]] if len(some) == 1 else _body_name(system, sides.body_of(some[0])) for some in (first, second))
+    a, b = (
+        names[some[0]] if len(some) == 1 else rigid_body_name(system, sides.body_of(some[0])) for some in (first, second)
+    )
     name = rule.name if rule.matched == len(geoms) else f"{a}-{b}"
     both = sides.of(first[0]), sides.of(second[0])
     return UnionPair(system, name, both, geoms, rule.restitution, rule.mu, rule.name)
 
 
-def _body_name(system: System, body: int) -> str:
-    """Name of a rigid body without the prefix of its model, or that of the model for its base."""
+def rigid_body_name(system: System, body: int) -> str:
+    """Name of a rigid body without the prefix of its model, or that of the model for its base or a fixed object."""
+    for fixed in system.fixed:
+        if body in fixed.bodies:
+            return fixed.name
     model, _, name = str(system.mj.body(body).name).partition("/")
     return name or model
 

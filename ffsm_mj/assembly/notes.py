@@ -20,6 +20,7 @@ from ffsm_mj.assembly.control_laws import undriven_actuators
 from ffsm_mj.assembly.grasps import grasps_of
 from ffsm_mj.assembly.orbit_notes import orbit_lines, orbit_notes
 from ffsm_mj.assembly.plant import rounded_down, spring_lines
+from ffsm_mj.assembly.union_notes import union_lines, union_notes
 from ffsm_mj.contact.cone_pair import ConePair
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.watch import ContactWatch
@@ -458,6 +459,7 @@ def notes(assembly: Assembly) -> list[str]:
         *(change.sentence for change in assembly.compiled.changes),
         *assembly.system.notes,
         *contact_notes(assembly.contacts, assembly.system),
+        *union_notes(assembly.contacts, assembly.system),
         *(
             f"{a} and {b} overlap at the start, and no contact force will separate them"
             for a, b in unwatched_overlaps(assembly)
@@ -484,6 +486,7 @@ def describe(assembly: Assembly) -> list[str]:
         *piece_lines(system),
         *(f"  {line}" for line in rule_lines(assembly.contacts)),
         *(f"  {line}" for line in cone_lines(assembly.contacts, assembly.system)),
+        *union_lines(assembly.contacts, system),
         *_limited_joints(assembly.limits),
         *spring_lines(scenario, system, assembly.data),
         *_servos(assembly),

@@ -35,7 +35,7 @@ class Solid:
         """Weld the pieces; see :func:`.welding.weld`.
 
         Raises:
-            ValueError: The tolerance exceeds a tenth of the thickness of a piece.
+            TooThinError: The tolerance exceeds a tenth of the thickness of a piece.
         """
         self._welded = weld(pieces, weld_m, sources)
         self.pieces, self.planes, self.report = self._welded.pieces, self._welded.planes, self._welded.report

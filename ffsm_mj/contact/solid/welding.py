@@ -38,6 +38,23 @@ Plane = tuple[int, int]
 """Index of a plane of a solid, and the sense in which a face looks: 1 along its normal, -1 against it."""
 
 
+class TooThinError(ValueError):
+    """A welding tolerance above a tenth of the thickness of a piece.
+
+    Attributes:
+        source: What the piece comes from.
+        sentence: The rest of a sentence that begins with its name.
+    """
+
+    def __init__(self, weld_m: float, thickness_m: float, source: int) -> None:
+        self.source = source
+        self.sentence = (
+            f"is {thickness_m:g} m thick: a welding tolerance of {weld_m:g} m is more than a tenth of this, "
+            f"at most {thickness_m / _LEAST_THICKNESS:g} m is allowed"
+        )
+        super().__init__(f"a piece of source {source} {self.sentence}")
+
+
 @dataclass(frozen=True)
 class Step:
     """Two faces that are nearly coplanar and adjacent, but farther apart than the welding tolerance.
@@ -109,11 +126,11 @@ def weld(pieces: Sequence[Polytope], weld_m: float, sources: Sequence[int] | Non
             rounding already and are not welded to each other. By default every piece has a source of its own.
 
     Raises:
-        ValueError: The tolerance exceeds a tenth of the thickness of a piece.
+        TooThinError: The tolerance exceeds a tenth of the thickness of a piece.
     """
     sources = range(len(pieces)) if sources is None else sources
     if len(set(sources)) > 1:
-        _refuse_thin(pieces, weld_m)
+        _refuse_thin(pieces, sources, weld_m)
     faces = _Faces(pieces, sources, weld_m)
     planes, senses, leaders = faces.assigned(weld_m)
     normals, offsets = faces.normals[leaders], faces.offsets[leaders]
@@ -136,14 +153,10 @@ def weld(pieces: Sequence[Polytope], weld_m: float, sources: Sequence[int] | Non
     return Welded(tuple(moved), normals, offsets, of_pieces, tuple(flaws), report)
 
 
-def _refuse_thin(pieces: Sequence[Polytope], weld_m: float) -> None:
+def _refuse_thin(pieces: Sequence[Polytope], sources: Sequence[int], weld_m: float) -> None:
     thickness, index = min((piece.thickness, i) for i, piece in enumerate(pieces))
     if weld_m * _LEAST_THICKNESS > thickness:
-        msg = (
-            f"a welding tolerance of {weld_m:g} m is more than a tenth of the thinnest piece: "
-            f"number {index} is {thickness:g} m thick; at most {thickness / _LEAST_THICKNESS:g} m is allowed"
-        )
-        raise ValueError(msg)
+        raise TooThinError(weld_m, thickness, sources[index])
 
 
 class _Near(NamedTuple):

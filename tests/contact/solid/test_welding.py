@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ffsm_mj.contact.solid.welding import Step, weld
+from ffsm_mj.contact.solid.welding import Step, TooThinError, weld
 from ffsm_mj.polytope import box, hull_of
 
 EYE = np.eye(3)
@@ -147,6 +147,9 @@ def test_vertices_on_many_planes_keep_a_residual():
 
 
 def test_a_tolerance_above_a_tenth_of_the_thinnest_piece_is_refused():
-    with pytest.raises(ValueError, match=r"0\.001 m is more than a tenth .* number 1 is 0\.005 m thick; at most 0\.0005 m"):
-        weld([*plates(0.0), *plates(0.0, thickness=0.005)], 1e-3)
+    thin = [*plates(0.0), *plates(0.0, thickness=0.005)]
+    message = r"0\.005 m thick: a welding tolerance of 0\.001 m is more than a tenth of this, at most 0\.0005 m is allowed"
+    with pytest.raises(TooThinError, match=message) as caught:
+        weld(thin, 1e-3, sources=(7, 8))
+    assert caught.value.source == 8
     weld(plates(0.0, thickness=0.005), 1e-3)  # nothing to be welded to
