@@ -65,7 +65,7 @@ CONTENT = f"""## Attachments and metadata
 | record | name | content |
 |---|---|---|
 | attachment | `{form.SCENARIO_ATTACHMENT}` | the resolved scenario; it can be run with the attached models |
-| attachment | `mjcf/<robot or object>/...` | every model file |
+| attachment | `mjcf/<robot or object>/...` | every model file; [pieces](shapes.md#what-is-kept) of meshes |
 | metadata | `{form.RUN_METADATA}` | versions, start of the run (UTC), task, phases, whether the models are conservative |
 | metadata | `{form.SIGNALS_METADATA}` | `unit \\| description` of every field of `{form.SAMPLE_TOPIC}` |
 

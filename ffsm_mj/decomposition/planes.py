@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
+from ffsm_mj.decomposition.merging import merged
 from ffsm_mj.decomposition.surface import Surface
 from ffsm_mj.errors import InputError
 from ffsm_mj.polytope import Polytope, box, plane_of
@@ -260,7 +261,7 @@ def partition(surface: Surface, tolerance_m: float, name: str) -> list[Polytope]
         InputError: There are too many planes or pieces, or the pieces do not fill the solid.
     """
     try:
-        pieces = _Partition(surface, tolerance_m, name).pieces()
+        pieces = merged(_Partition(surface, tolerance_m, name).pieces(), 2.0 * tolerance_m)
     except ValueError as error:
         raise InputError(f"{name}: its faces do not bound pieces ({error}); {_INSTEAD}") from error
     volume = sum(piece.volume for piece in pieces)

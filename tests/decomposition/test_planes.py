@@ -10,6 +10,7 @@ import pytest
 from ffsm_mj.decomposition import planes
 from ffsm_mj.decomposition.gate import gate
 from ffsm_mj.errors import InputError
+from ffsm_mj.polytope import hull_of
 from tests.decomposition import meshes
 
 NAME = "part.obj: mesh 'part'"
@@ -114,6 +115,31 @@ def test_decimal_digits_need_a_tolerance():
     surface = surface_of((np.round(turn(vertices), 6), faces))
     assert len(pieces_of(surface, 1e-5)) == 64
     assert len(pieces_of(surface, 1e-6)) > 64
+
+
+def test_pieces_of_random_parts_fill_them_and_no_two_have_a_convex_union():
+    """Boundaries of random cells: volumes to rounding, each cell in one piece; and merging was worth it somewhere."""
+    rng, fewer, parts = np.random.default_rng(3), 0, 0
+    while parts < 40:
+        shape = rng.integers(2, 6, 3)
+        filled = rng.random(shape) < rng.choice([0.5, 0.8, 0.9, 0.95])
+        lines = [np.concatenate([[0.0], np.cumsum(rng.random(count) + 0.1)]) for count in shape]
+        try:
+            surface = surface_of(meshes.of_cells(lines, filled))
+        except InputError:  # two cells touch along an edge, or there is none
+            continue
+        parts += 1
+        cut = planes._Partition(surface, surface.rounding, NAME).pieces()
+        pieces = pieces_of(surface)
+        fewer += len(cut) - len(pieces)
+        assert abs(sum(piece.volume for piece in pieces) - surface.volume) < 1e-14
+        middles = [0.5 * (line[1:] + line[:-1]) for line in lines]
+        centres = np.stack(np.meshgrid(*middles, indexing="ij"), axis=-1)
+        np.testing.assert_array_equal(number_around(pieces, centres.reshape(-1, 3)).reshape(shape), filled)
+        for one, other in combinations(pieces, 2):
+            corners = np.vstack((one.vertices, other.vertices))
+            assert hull_of(corners).volume > one.volume + other.volume + 1e-9
+    assert fewer > 0
 
 
 @pytest.mark.long
