@@ -128,11 +128,13 @@ def chosen_cell(every: Sequence[FloatArray], motion: FloatArray, tolerance: floa
     """The cell that a motion is in, or the nearest one, (k, 3).
 
     Args:
-        every: Cells, at least one.
+        every: Cells; without any, no normal is chosen.
         motion: Velocity of b relative to a at the point, m/s, (3,).
         tolerance: Approach within this is none, m/s.
         preferred: Of several cells that a motion is in, as one at rest is in all, that with this normal counts.
     """
+    if not every or not len(every[0]):
+        return np.empty((0, 3))
     free = [cell for cell in every if (cell @ motion >= -tolerance).all()]
     if free:
         return min(free, key=lambda cell: float(np.linalg.norm(cell - preferred, axis=1).min()))

@@ -255,6 +255,10 @@ class NormalSearch(Stateful):
         self._fromto = np.zeros(6)
         self._last: FloatArray | None = None
 
+    def start_from(self, normal: FloatArray) -> None:
+        """Take a normal, (3,), as the estimate for the next search."""
+        self._last = normal
+
     def distance(self, model: Any, data: Any, limit: float) -> float:
         """Signed distance in m, negative when overlapping; ``limit`` if it is larger."""
         distance = float(mujoco.mj_geomDistance(model, data, self._a, self._b, limit, self._fromto))

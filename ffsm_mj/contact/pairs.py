@@ -175,6 +175,10 @@ class ContactPair(Stateful):
         """Full names of a and b."""
         return self.geom_a, self.geom_b
 
+    def geoms_at(self, near: Proximity, point: FloatArray) -> tuple[str, str]:  # noqa: ARG002
+        """Full names of the geoms of a and b that touch at one of the points of a proximity."""
+        return self.geoms
+
     @property
     def ids(self) -> tuple[int, int]:
         """Ids of geoms a and b."""

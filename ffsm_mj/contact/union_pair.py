@@ -12,7 +12,7 @@ of pieces by itself, and asks here only where it touches.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,7 +21,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.cached_property import cached_property
-from ffsm_mj.contact.cells import cells, chosen_cell, intersection, nearest_in_cone, separating_normals
+from ffsm_mj.contact.cells import cells, chosen_cell, in_cone, intersection, nearest_in_cone, separating_normals
 from ffsm_mj.contact.features.gap_function import Feature
 from ffsm_mj.contact.normal import DISTANCE_LIMIT_M, NormalSearch, separation
 from ffsm_mj.contact.pairs import ContactPair, gap_rounding
@@ -92,7 +92,23 @@ class PiecePair(ContactPair):
 
     def alone(self, model: Any, data: Any) -> Proximity:
         """Gap, normal, points and rates of these two pieces as if there were no others."""
+        near = super().proximity(model, data)
+        if near.gap >= -DISTANCE_QUERY_M or self.gap(model, data) < -DISTANCE_QUERY_M:
+            return near
+        # A body that slides over a seam touches the next piece on top, where it approached its covered side: the normal
+        # turns at once, and the search does not find it from the last one.
+        self._search.start_from(self._best_face(model, data))
         return super().proximity(model, data)
+
+    def _best_face(self, model: Any, data: Any) -> FloatArray:
+        """Normal from a to b of the face of either piece that parts them best, world axes, (3,)."""
+        normals = [
+            sense * piece.polytope.normals @ data.xmat[side.body].reshape(3, 3).T
+            for piece, side, sense in zip(self.pieces, self.union.sides, (1.0, -1.0), strict=True)
+            if piece.polytope is not None
+        ]
+        shapes = self.shapes(model, data)
+        return max(np.concatenate(normals), key=lambda normal: separation(*shapes, normal))
 
     @property
     def is_curved(self) -> bool:
@@ -106,10 +122,6 @@ class PiecePair(ContactPair):
         highest, lowest = (a.extreme(at.normal) @ at.normal).max(), (b.extreme(-at.normal) @ at.normal).min()
         return bool(highest <= level + _AT_POINT_M and lowest >= level - _AT_POINT_M)
 
-    def touches(self, model: Any, data: Any) -> bool:
-        """Whether both pieces touch by themselves."""
-        return self.alone(model, data).gap <= CONTACT_GAP_M
-
 
 class UnionPair(ContactPair):
     """Contact of the pieces of two rigid bodies under one contact rule.
@@ -119,6 +131,7 @@ class UnionPair(ContactPair):
         joined: Pairs of pieces that touch at the start of a step while persistent contact holds the pair: these are
             watched by their contact points, all others by their distance.
         closed_patches: Patches that persistent contact holds.
+        left: Counts the times at which pieces ceased to be joined.
         is_beside: Whether the bodies may touch beside the face on which they lie flat.
     """
 
@@ -154,6 +167,7 @@ class UnionPair(ContactPair):
         self._radii = a.radius_about(first[0]), b.radius_about(first[1])
         self.joined: frozenset[int] = frozenset()
         self.closed_patches: frozenset[str] = frozenset()
+        self.left = 0
         self._face: Feature | None = None
         self.is_beside = True
 
@@ -191,6 +205,10 @@ class UnionPair(ContactPair):
         return any(piece.kind == int(kind) and piece.part is None for side in self.sides for piece in side.pieces)
 
     # ---- Pairs of pieces
+
+    def number_of(self, a: Piece, b: Piece) -> int:
+        """Place of a pair of pieces among all."""
+        return a.number * len(self.sides[1].pieces) + b.number
 
     def piece_pair(self, number: int) -> PiecePair:
         """A pair of pieces, by its place among all; made when it comes near first."""
@@ -233,6 +251,11 @@ class UnionPair(ContactPair):
                 best = min(best, (self.piece_pair(number).gap(model, data, best[0]), number))
         return best
 
+    def gap_to_rounding(self, model: Any, data: Any, gap: float) -> float:
+        """The gap at the state in ``data``, to rounding; see :class:`ContactPair`."""
+        nearest, number = self._nearest((), model, data, DISTANCE_LIMIT_M)
+        return self.piece_pair(number).gap_to_rounding(model, data, nearest) if number >= 0 else gap
+
     def watched_gap(self, model: Any, data: Any, limit: float) -> float:
         """The same without the pieces that are joined."""
         return self._nearest(self.joined, model, data, limit)[0]
@@ -246,17 +269,23 @@ class UnionPair(ContactPair):
         return [self.piece_pair(k) for k in sorted(self.joined)]
 
     def hold(self, patches: Collection[str]) -> None:
-        """Note the patches that persistent contact holds: while it holds none, nothing is joined."""
-        self.closed_patches = frozenset(patches)
-        if not self.closed_patches:
-            self.joined = frozenset()
+        """Note the patches that persistent contact holds: what is joined follows from them at the next step."""
+        if self.closed_patches != frozenset(patches):
+            self.closed_patches, self.joined = frozenset(patches), frozenset()
+            self.left += 1
 
     def join(self, model: Any, data: Any) -> None:
-        """Take the pairs of pieces that touch at the state in ``data`` as joined."""
-        near = self.within(model, data, _QUERY_M)
-        joined = [k for gap, k in near if gap <= DISTANCE_QUERY_M and self.piece_pair(k).touches(model, data)]
-        self.joined, face = frozenset(joined), self._face
+        """Take the pairs of pieces that touch in patches that are held at the state in ``data`` as joined."""
+        near = [k for gap, k in self.within(model, data, 2.0 * DISTANCE_QUERY_M) if gap <= DISTANCE_QUERY_M]
+        joined = frozenset(k for k in near if k in self.joined or self._goes_on(self.piece_pair(k), model, data))
+        self.left += not joined.issuperset(self.joined)
+        self.joined, face = joined, self._face
         self.is_beside = face is None or not all(self.piece_pair(k).is_parted(model, data, face) for k in joined)
+
+    def _goes_on(self, pair: PiecePair, model: Any, data: Any) -> bool:
+        """Whether the contact of two pieces is in a patch that is held."""
+        near = pair.proximity(model, data)
+        return isinstance(near, UnionProximity) and near.patch in self.closed_patches
 
     def lie_on(self, face: Feature | None) -> None:
         """Note a corner on the face on which the bodies lie flat; None: they do not."""
@@ -293,20 +322,21 @@ class UnionPair(ContactPair):
             else near
             for near in self._patches(model, data, [(pair, alone)])
         ]
-        return min(patches, key=lambda near: near.rate + near.rate_tolerance)
+        # A point at which pieces of another rule decide is no contact here.
+        return min(patches, key=lambda near: near.rate + near.rate_tolerance, default=replace(alone, rates=np.zeros(1)))
 
     def _patches(self, model: Any, data: Any, touching: Sequence[tuple[PiecePair, Proximity]]) -> tuple[UnionProximity, ...]:
         """Patches of some pairs of pieces that touch."""
         groups: list[_Group] = []
         for pair, near in touching:
             for point in near.points:
-                for normal in self._normals(model, data, pair, near, point):
+                for normal, owner in self._normals(model, data, pair, near, point):
                     level = float(normal @ point)
                     group = next((one for one in groups if one.has(normal, level)), None)
                     if group is None:
                         groups.append(group := _Group(normal, level, [], []))
                     group.points.append(point)
-                    group.owners.append(pair)
+                    group.owners.append(owner)
         return tuple(self._patch(model, data, group) for group in groups)
 
     def _patch(self, model: Any, data: Any, group: _Group) -> UnionProximity:
@@ -321,22 +351,33 @@ class UnionPair(ContactPair):
         patch = " ".join(map("{:g}".format, turned.tolist()))
         return UnionProximity(gap, normal, points, rates, tolerance, rounding, pieces, owners, patch)
 
-    def _normals(self, model: Any, data: Any, pair: PiecePair, near: Proximity, point: FloatArray) -> Sequence[FloatArray]:
-        """Normals that a contact at a point may have, of two pieces that touch there alone with one of their own."""
+    def _normals(
+        self, model: Any, data: Any, pair: PiecePair, near: Proximity, point: FloatArray
+    ) -> Iterator[tuple[FloatArray, PiecePair]]:
+        """Normals of the contact at a point where two pieces touch, each with a pair of pieces that has it."""
         a, b = (self._there(side, model, data, point) for side in self.sides)
         # Deeper overlaps have no common point of both surfaces: they are asked for to find when they began.
         if near.gap < -CONTACT_GAP_M or (len(a) <= 1 and len(b) <= 1):
-            return [near.normal]
+            yield near.normal, pair
+            return
         if pair.is_curved and (level := _levelled(pair, near.normal, a, b)) is not None:
-            return [level]
-        clauses = [separating_normals(one, other) for one in a.values() for other in b.values()]
+            yield level, pair
+            return
+        clauses = {(one, other): separating_normals(a[one], b[other]) for one in a for other in b}
         # Surfaces that overlap by rounding have no normal that parts them: the other pieces there decide.
-        choices = cells([clause for clause in clauses if len(clause)])
-        if not choices or not len(choices[0]):
-            return [near.normal]
+        choices = cells([clause for clause in clauses.values() if len(clause)])
+        for normal in chosen_cell(choices, self._moves(data, point), near.rate_tolerance, near.normal):
+            parted = [pieces for pieces, clause in clauses.items() if in_cone(clause, normal)]
+            # Of several pieces in one plane any will do, but those of another rule are of another pair.
+            owners = [self.number_of(*pieces) for pieces in parted if self._allowed[pieces[0].number, pieces[1].number]]
+            if owners:
+                yield normal, pair if self.number_of(*pair.pieces) in owners else self.piece_pair(owners[0])
+
+    def _moves(self, data: Any, point: FloatArray) -> FloatArray:
+        """Velocity of b relative to a at a point, m/s, (3,)."""
         there = point[None]
-        moves = self._velocity(data, self.body_b, self._root2, there) - self._velocity(data, self.body_a, self._root1, there)
-        return [*chosen_cell(choices, moves[0], near.rate_tolerance, near.normal)]
+        of_b = self._velocity(data, self.body_b, self._root2, there)
+        return np.asarray((of_b - self._velocity(data, self.body_a, self._root1, there))[0])
 
     def _there(self, side: Side, model: Any, data: Any, point: FloatArray) -> dict[Piece, FloatArray]:
         """Pieces of a side that have a point on their surface, with the normals there."""
@@ -350,9 +391,17 @@ class UnionPair(ContactPair):
 
     def second_rate(self, model: Any, data: Any, near: Proximity, point: FloatArray) -> SecondRate:
         """Second rate of the gap at one of the points of a patch; accelerations in ``data`` must be current."""
-        assert isinstance(near, UnionProximity)
-        nearest = min(range(len(near.points)), key=lambda i: math.dist(near.points[i], point))
-        return near.owners[nearest].second_rate(model, data, near, point)
+        return _owner(near, point).second_rate(model, data, near, point)
+
+    def geoms_at(self, near: Proximity, point: FloatArray) -> tuple[str, str]:
+        """Full names of the geoms of the pieces that touch at one of the points of a patch."""
+        return _owner(near, point).geoms
+
+
+def _owner(near: Proximity, point: FloatArray) -> PiecePair:
+    """The pair of pieces at a point of a patch."""
+    assert isinstance(near, UnionProximity)
+    return near.owners[min(range(len(near.points)), key=lambda i: math.dist(near.points[i], point))]
 
 
 @dataclass

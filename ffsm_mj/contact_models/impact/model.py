@@ -118,11 +118,12 @@ def _at_point(
     pair: ContactPair, near: Proximity, point: FloatArray, moment: FloatArray, impact: Impact, i: int, **common: Any
 ) -> ImpactRecord:
     """Record of a contact point with the moment of its impulse, N m s, (3,)."""
+    geoms = pair.geoms_at(near, point)
     return ImpactRecord(
         pair=pair.name,
-        geoms=pair.geoms,
-        robot_geom=pair.geom_a if pair.robot_on_object else "",
-        object_geom=pair.geom_b if pair.robot_on_object else "",
+        geoms=geoms,
+        robot_geom=geoms[0] if pair.robot_on_object else "",
+        object_geom=geoms[1] if pair.robot_on_object else "",
         point_m=tuple(point.tolist()),
         normal=tuple(near.normal.tolist()),
         manifold=manifold_name(len(near.points)),

@@ -77,6 +77,8 @@ class Clearances:
         self._spheres = BroadPhase(self._model, pairs)
         self._per_root_energy = speeds_per_root_energy(self._model, self._data, pairs)
         self._clearance, self._skipped = np.zeros(len(pairs)), np.zeros(len(pairs), dtype=bool)
+        self._unions = [(i, pair) for i, pair in enumerate(pairs) if isinstance(pair, UnionPair)]
+        self._left = [0] * len(self._unions)
         self.travel, self._start, self.energy_reach = Travel(self._data.qvel), 0.0, 0.0
         self._bind_travel()
 
@@ -108,14 +110,20 @@ class Clearances:
 
     def after_step(self) -> Indices:
         """Indices of the pairs that may have been in contact during the last step."""
-        stepper = self._motion.stepper
-        if stepper.motion_bound < self.energy_reach or self.travel.is_within:
+        stepper, alone = self._motion.stepper, self._pieces_left()
+        if not alone and (stepper.motion_bound < self.energy_reach or self.travel.is_within):
             return NO_PAIRS
+        self._clearance[alone] = -math.inf
         rows, parts = self._by_joints.rows, (stepper.motion_bound - self._start, stepper.last_increment)
         moved = zip((self.travel.travelled, self.travel.last), map(self._by_energy, parts), strict=True)
         # Both bounds hold: the smaller one counts for each pair.
         closed, self.last = (np.minimum(rows @ by_rates, by_energy) for by_rates, by_energy in moved)
         return self._exhausted(closed, self.last, stepper.motion_bound)
+
+    def _pieces_left(self) -> list[int]:
+        """Indices of pairs of unions of which pieces are no longer watched by their contact points, but by distance."""
+        known, self._left = self._left, [pair.left for _, pair in self._unions]
+        return [i for (i, _), now, before in zip(self._unions, self._left, known, strict=True) if now != before]
 
     def _by_energy(self, motion_bound: float) -> FloatArray:
         """Largest closing of each pair in a motion, m."""
