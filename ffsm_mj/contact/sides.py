@@ -19,6 +19,7 @@ from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.features.body_motion import Vector
 from ffsm_mj.contact.features.cores import Face, Line, Point, RegionFace
 from ffsm_mj.contact.shape import Part
+from ffsm_mj.contact.solid.rods import Ends, Rod, covered_ends
 from ffsm_mj.contact.solid.solid import Solid
 from ffsm_mj.contact.solid.tree import BoxTree
 from ffsm_mj.model.system import System
@@ -26,6 +27,9 @@ from ffsm_mj.polytope import Polytope, box, hull_of
 from ffsm_mj.tolerances import MERGED_M, MESH_PRECISION
 
 _BOX, _MESH = int(mujoco.mjtGeom.mjGEOM_BOX), int(mujoco.mjtGeom.mjGEOM_MESH)
+_CAPSULE, _CYLINDER = int(mujoco.mjtGeom.mjGEOM_CAPSULE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)
+_ALONG = 1e-9
+"""Cosine below 1 within which a normal is that of a cap."""
 _TOUCHING_M, _NEAR_M = 1e-6, 1e-3
 """Geoms of one body within the first distance touch each other; the limit of the queries that tell."""
 
@@ -72,9 +76,25 @@ class Side:
         solid: Those of them that are polytopes; None without any.
     """
 
-    def __init__(self, body: int, pieces: tuple[Piece, ...], bounds: FloatArray, solid: Solid | None) -> None:
-        """Take the pieces; ``bounds`` are their boxes, (n, 2, 3), m."""
+    def __init__(
+        self,
+        body: int,
+        pieces: tuple[Piece, ...],
+        bounds: FloatArray,
+        solid: Solid | None,
+        rods: Mapping[int, Ends],
+    ) -> None:
+        """Take the pieces.
+
+        Args:
+            body: Body whose axes are those of the pieces.
+            pieces: The pieces.
+            bounds: Their boxes, (n, 2, 3), m.
+            solid: Those of them that are polytopes; None without any.
+            rods: Ends of cylinders and capsules that others continue, by piece.
+        """
         self.body, self.pieces, self.tree, self.solid = body, pieces, BoxTree(bounds), solid
+        self._rods = rods
         self.centres: FloatArray = np.array([piece.centre for piece in pieces])
         self.radii: FloatArray = np.array([piece.radius for piece in pieces])
 
@@ -91,6 +111,23 @@ class Side:
     def at(self, point: FloatArray, reach: float) -> list[Piece]:
         """Pieces whose boxes are within a reach of a point, axes of the body, m."""
         return [self.pieces[k] for k in self.tree.near(point, point, reach).tolist()]
+
+    def exposed(self, piece: Piece, normals: FloatArray, axis: FloatArray) -> FloatArray:
+        """Those of some normals of a piece at a point, (k, 3), that are not of a cap which another cylinder continues.
+
+        Args:
+            piece: The piece.
+            normals: Its normals there.
+            axis: Its z axis, in the same axes.
+        """
+        for sense in self._rods[piece.number].senses if piece.number in self._rods else ():
+            normals = normals[normals @ (sense * axis) < 1.0 - _ALONG]
+        return normals
+
+    def are_one_surface(self, piece: Piece, other: Piece) -> bool:
+        """Whether two pieces are one round surface: cylinders and capsules end to end."""
+        one, two = self._rods.get(piece.number), self._rods.get(other.number)
+        return one is not None and two is not None and one.run == two.run
 
     def face(self, face: Face, piece: Piece, place: Vector) -> Face:
         """A face of a piece with the outline of that of the union; axes of the body.
@@ -218,7 +255,18 @@ class Sides:
                 bounds.append(np.stack((middle - reach, middle + reach)))
                 kind = int(model.geom_type[geom])
                 parts.append(Piece(len(parts), geom, None, kind, position, position, radius, float(half.min()), None))
-        return Side(body, tuple(parts), np.array(bounds), solid)
+        return Side(body, tuple(parts), np.array(bounds), solid, self._rods(parts, poses))
+
+    def _rods(self, parts: Sequence[Piece], poses: Mapping[int, tuple[FloatArray, FloatArray]]) -> dict[int, Ends]:
+        """Ends of cylinders and capsules that others continue, by piece; of those alone that have any."""
+        sizes, rods = self._system.mj.geom_size, dict[int, Rod]()
+        for piece in parts:
+            if piece.kind in (_CYLINDER, _CAPSULE):
+                rotation, position = poses[piece.geom]
+                radius, half = sizes[piece.geom, :2].tolist()
+                rods[piece.number] = Rod(position, rotation[:, 2], half, radius)
+        ends = covered_ends(list(rods.values()), max(self._weld_m, MERGED_M))
+        return {number: end for number, end in zip(rods, ends, strict=True) if end.senses}
 
     def _polytope(self, body: int, geom: int, middle: FloatArray, number: int, before: Polytope, after: Polytope) -> Piece:
         kind = int(self._system.mj.geom_type[geom])

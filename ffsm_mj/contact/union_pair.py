@@ -385,8 +385,10 @@ class UnionPair(ContactPair):
         there = {}
         for piece in side.at(local, _AT_POINT_M):
             normals = Shape(model, data, piece.geom, piece.part).normals_at(point, _AT_POINT_M)
-            if normals is not None and len(normals):
-                there[piece] = normals
+            if normals is not None:
+                normals = side.exposed(piece, normals, data.geom_xmat[piece.geom].reshape(3, 3)[:, 2])
+                if len(normals):
+                    there[piece] = normals
         return there
 
     def second_rate(self, model: Any, data: Any, near: Proximity, point: FloatArray) -> SecondRate:
@@ -427,9 +429,13 @@ def _levelled(
     sqrt(2 depth / radius). The normals of a union are the intersection of those of its pieces: there is only the face.
     """
     cone: FloatArray | None = None
-    for sense, pieces in ((1.0, a), (-1.0, b)):
+    for sense, pieces, side, paired in zip((1.0, -1.0), (a, b), pair.union.sides, pair.pieces, strict=True):
         for piece, normals in pieces.items():
-            if piece.is_curved and piece in pair.pieces:
+            if piece.is_curved and side.are_one_surface(piece, paired):
+                # At the rim that it shares with the next cylinder, the normal of the pair may be that of a covered cap.
+                normal = sense * nearest_in_cone(normals, sense * normal)
+                continue
+            if piece.is_curved and piece is paired:
                 continue
             cone = sense * normals if cone is None else intersection(cone, sense * normals)
     if cone is None or not len(cone):
