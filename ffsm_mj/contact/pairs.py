@@ -73,8 +73,12 @@ _GAP_ROUNDING_M = 1e-14
 def shape_fault(system: System, geom: int) -> str:
     """Why a geom (id) has no exact distance; empty if it has."""
     shape = _UNSUPPORTED.get(int(system.mj.geom_type[geom]))
+    if shape is None or geom in system.pieces:
+        return ""
     name = system.mj.geom(geom).name
-    return f"geom {name!r} is a {shape}: impacts need convex geoms (sphere, capsule, box, ...) or planes" if shape else ""
+    return (
+        f"geom {name!r} is a {shape}: impacts need convex geoms (sphere, capsule, box, ...), planes or fixed height fields"
+    )
 
 
 def gap_rounding(points: FloatArray) -> float:

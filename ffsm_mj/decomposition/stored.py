@@ -22,15 +22,16 @@ from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.decomposition import coacd, planes
 from ffsm_mj.decomposition.distances import distances
 from ffsm_mj.decomposition.gate import gate
+from ffsm_mj.decomposition.terrain import mesh_prisms
 from ffsm_mj.errors import InputError
 from ffsm_mj.polytope import Polytope
 
 FOLDER = "pieces"
 """Folder beside a model with the pieces of its meshes."""
-METHODS = ("planes", "coacd")
+METHODS = ("planes", "coacd", "prisms")
 _FORMAT = "ffsm-mj pieces 1"
-_PLANES_VERSION = "1"
-"""Version of the partition by face planes: a change of its result is a new one."""
+_VERSIONS = {"planes": "1", "prisms": "1"}
+"""Versions of the methods of this package: a change of the result of one is a new one."""
 _MOST_PIECES = 100_000
 _UNIT = 1e-9
 """Greatest deviation of the length of a normal from 1."""
@@ -49,6 +50,7 @@ class Request:
         tolerance_m: See the methods; None: their default.
         mesh: Name of the mesh.
         place: Name of mesh and file in messages.
+        depth_m: Length of prisms, m; None for other methods.
     """
 
     vertices: FloatArray
@@ -57,15 +59,17 @@ class Request:
     tolerance_m: float | None
     mesh: str
     place: str
+    depth_m: float | None = None
 
     @property
     def version(self) -> str | None:
         """Version of the method here; None if its package is not installed."""
-        return _PLANES_VERSION if self.method == "planes" else coacd.installed_version()
+        return _VERSIONS.get(self.method) or coacd.installed_version()
 
     def key(self, version: str) -> str:
         """SHA-256 of mesh, method, version and options."""
-        options = json.dumps([self.method, version, self.tolerance_m, self.vertices.shape, self.faces.shape])
+        lengths = [self.tolerance_m] if self.depth_m is None else [self.depth_m]
+        options = json.dumps([self.method, version, *lengths, self.vertices.shape, self.faces.shape])
         digest = hashlib.sha256(options.encode())
         digest.update(np.ascontiguousarray(self.vertices, dtype="<f8").tobytes())
         digest.update(np.ascontiguousarray(self.faces, dtype="<i8").tobytes())
@@ -109,6 +113,8 @@ class Decomposition:
     def sentence(self) -> str:
         """The decomposition in words."""
         count = f"{len(self.pieces)} piece{'s' * (len(self.pieces) != 1)}"
+        if self.method == "prisms":
+            return f"{count} by prisms {self.version}"
         return (
             f"{count} by {self.method} {self.version}, at least {1e3 * self.outside_m:.3g} mm outside the mesh and "
             f"{1e3 * self.uncovered_m:.3g} mm of it not covered{', faces turned outwards' if self.turned else ''}"
@@ -121,15 +127,34 @@ def decompose(request: Request) -> Decomposition:
     Raises:
         InputError: It does not pass the gate, or the method fails.
     """
+    version = request.version or ""
+    if request.depth_m is not None:
+        return Decomposition(
+            _terrain(request, request.depth_m), "prisms", version, None, False, 0.0, 0.0, request.key(version)
+        )
     surface, turned = gate(request.vertices, request.faces, request.place)
     if request.method == "planes":
         tolerance_m = surface.rounding if request.tolerance_m is None else request.tolerance_m
         pieces = planes.partition(surface, tolerance_m, request.place)
     else:
         pieces = coacd.decompose(surface, request.tolerance_m, request.place)
-    version = request.version or ""
     apart = distances(surface, pieces)
     return Decomposition(tuple(pieces), request.method, version, request.tolerance_m, turned, *apart, request.key(version))
+
+
+def _terrain(request: Request, depth_m: float) -> tuple[Polytope, ...]:
+    """Prisms below an open mesh, whose tops are its triangles.
+
+    Raises:
+        InputError: It is closed, overhangs or has a coordinate that is no number.
+    """
+    vertices, faces = request.vertices, request.faces
+    if not np.isfinite(vertices[faces]).all():
+        raise InputError(f"{request.place}: has a coordinate that is not a finite number")
+    try:
+        return mesh_prisms(vertices, faces, depth_m)
+    except ValueError as error:
+        raise InputError(f"{request.place}: 'method: prisms' cannot decompose it: {error}") from error
 
 
 def to_json(decomposition: Decomposition) -> bytes:

@@ -16,7 +16,7 @@ from warnings import catch_warnings
 
 import mujoco
 import numpy as np
-from pydantic import BeforeValidator, PositiveFloat
+from pydantic import BeforeValidator, PositiveFloat, model_validator
 
 from ffsm_mj.config import Name, StrictModel
 from ffsm_mj.decomposition.stored import (
@@ -42,13 +42,23 @@ class Decompose(StrictModel):
 
     mesh: Name
     """Its name in the model."""
-    method: Literal["planes", "coacd"] = "planes"
+    method: Literal["planes", "coacd", "prisms"] = "planes"
     """``planes``: exact partition by its own face planes, for machined parts; ``coacd``: approximate pieces by the package
-    coacd, for organic shapes."""
+    coacd, for organic shapes; ``prisms``: what is below an open mesh, a prism for each triangle, for terrain."""
     tolerance_m: PositiveFloat | None = None
     """Of ``planes``: corners this close to the plane of a face are in it, m; by default the rounding of single precision.
     Ten times the rounding of the file is right: 1e-5 for an OBJ with six digits. Of ``coacd``: greatest concavity of a
     piece, m; by default 5 % of the size of the mesh."""
+    depth_m: PositiveFloat | None = None
+    """Of ``prisms``, which need it: their length against the mean normal of the mesh, m."""
+
+    @model_validator(mode="after")
+    def _has_options_of_the_method(self) -> Decompose:
+        if (self.method == "prisms") != (self.depth_m is not None):
+            raise ValueError("'method: prisms' and 'depth_m', the length of the prisms, belong together")
+        if self.method == "prisms" and self.tolerance_m is not None:
+            raise ValueError("'method: prisms' has no tolerance_m: its tops are the triangles themselves")
+        return self
 
 
 def _listed(value: Any) -> Any:
@@ -155,7 +165,7 @@ def _decomposed(asked: _Wanted) -> dict[str, tuple[str, bytes, Decomposition]]:
                 raise ScenarioFaults([Fault(f"mesh {one.mesh!r} is listed twice", (i, "mesh"))])
             mesh = FileMesh(asked.files, spec, meshes[one.mesh])
             shape = mesh.compiled_vertices, mesh.compiled_faces
-            request = Request(*shape, one.method, one.tolerance_m, one.mesh, mesh.place)
+            request = Request(*shape, one.method, one.tolerance_m, one.mesh, mesh.place, one.depth_m)
             stored[one.mesh] = _stored(asked, request)
     return stored
 

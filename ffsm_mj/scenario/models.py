@@ -134,6 +134,16 @@ class OfFile(FromFile):
         return value
 
 
+def _refuse_prisms(moving: OfFile) -> None:
+    """Refuse prisms of a model that moves: they say what is below a surface, not what a body is.
+
+    Raises:
+        ValueError: A mesh is decomposed into prisms.
+    """
+    if meshes := [one.mesh for one in moving.decompose if one.method == "prisms"]:
+        raise ValueError(f"mesh {meshes[0]!r}: 'method: prisms' is for objects with 'fixed: true'; use 'planes' or 'coacd'")
+
+
 class Robot(OfFile):
     """The free-floating manipulator."""
 
@@ -141,6 +151,11 @@ class Robot(OfFile):
     """Sites to add to the model by name; the file itself is not changed."""
     joint_flex: dict[Name, JointFlex] = {}
     """Joints of the model with a flexible drive, by their names in the file; the file itself is not changed."""
+
+    @model_validator(mode="after")
+    def _has_no_terrain(self) -> Robot:
+        _refuse_prisms(self)
+        return self
 
 
 class Model(OfFile):
@@ -157,6 +172,12 @@ class Model(OfFile):
         if value is not None and info.data.get("fixed") is False:
             raise ValueError("only with 'fixed: true'; a floating object starts where initial.joints says")
         return value
+
+    @model_validator(mode="after")
+    def _terrain_is_fixed(self) -> Model:
+        if not self.fixed:
+            _refuse_prisms(self)
+        return self
 
     @model_validator(mode="after")
     def _rest_is_fixed(self) -> Model:
