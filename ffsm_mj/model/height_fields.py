@@ -2,7 +2,7 @@
 
 MuJoCo keeps elevations normalised to 0 to 1 in single precision. A slope of even steps is no longer even then, and its
 triangles are in planes of their own. The numbers of the file are therefore read again, and normalised in double precision:
-each number in single precision as the shortest decimal that it stands for.
+text as it is, each number in single precision as the shortest decimal that it stands for.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy.typing as npt
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.decomposition.terrain import height_prisms
 from ffsm_mj.model.files import ModelFiles
-from ffsm_mj.model.meshes import decimals
+from ffsm_mj.model.meshes import decimals, numbers_in
 from ffsm_mj.polytope import Polytope
 
 _HEADER = 8
@@ -64,7 +64,7 @@ def _elevations(model: Any, field: int, source: Any, files: ModelFiles) -> Float
     first = int(model.hfield_adr[field])
     normalised = model.hfield_data[first : first + shape[0] * shape[1]]
     if not source.file:
-        numbers = decimals(np.array(source.userdata, dtype=np.float32))
+        numbers = _in_text(np.array(source.userdata, dtype=np.float32).reshape(shape), files)
     elif source.file.lower().endswith(".png") or "png" in source.content_type:
         numbers = _levels(normalised)
     else:
@@ -74,6 +74,15 @@ def _elevations(model: Any, field: int, source: Any, files: ModelFiles) -> Float
     spread = float(np.ptp(numbers))
     shares = (numbers - numbers.min()) / spread if spread > 0.0 else np.zeros(len(numbers))
     return np.asarray(shares.reshape(shape))
+
+
+def _in_text(single: npt.NDArray[np.float32], files: ModelFiles) -> FloatArray:
+    """Elevations in a model file itself, (n,): the numbers in its text, whose first row is the one at the greatest y."""
+    for element in files.elements("hfield"):
+        exact = numbers_in(element.attributes.get("elevation", ""), single[::-1].ravel())
+        if exact is not None:
+            return np.asarray(exact.reshape(single.shape)[::-1].ravel())
+    return decimals(single).ravel()
 
 
 def _levels(normalised: npt.NDArray[np.float32]) -> FloatArray:

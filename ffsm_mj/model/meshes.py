@@ -29,6 +29,15 @@ def decimals(numbers: npt.NDArray[np.float32]) -> FloatArray:
     return np.asarray(distinct.astype(str).astype(np.float64)[index.reshape(numbers.shape)])
 
 
+def numbers_in(text: str, single: npt.NDArray[np.float32]) -> FloatArray | None:
+    """The numbers in a text in double precision, (n,), if they are those that MuJoCo has read of it; else None."""
+    try:
+        exact = np.array(text.split(), dtype=np.float64)
+    except ValueError:
+        return None
+    return exact if len(exact) == len(single) and bool((exact.astype(np.float32) == single).all()) else None
+
+
 class FileMesh:
     """A mesh of a model.
 
@@ -61,7 +70,9 @@ class FileMesh:
             kind = posixpath.splitext(mesh.file)[1].lower() or f".{mesh.content_type.rpartition('/')[2]}"
             self.vertices, self.faces = _parsed(content, kind, self.place)
         else:
-            self.vertices = _inline(np.array(list(mesh.uservert), dtype=np.float32), element)
+            single = np.array(list(mesh.uservert), dtype=np.float32)
+            exact = numbers_in(element.attributes.get("vertex", ""), single) if element is not None else None
+            self.vertices = (decimals(single) if exact is None else exact).reshape(-1, 3)
             self.faces = np.array(list(mesh.userface), dtype=np.intp).reshape(-1, 3)
         if not len(self.faces):
             raise InputError(f"{self.place}: has no faces: MuJoCo takes the hull of its points, which is convex already")
@@ -101,17 +112,6 @@ def _content(files: ModelFiles, spec: Any, written: str, place: str) -> bytes:
     if len(named) != 1:
         raise InputError(f"{place}: {len(named)} files of the model are called {base!r}; give its mesh a name of its own")
     return named[0]
-
-
-def _inline(single: npt.NDArray[np.float32], element: Element | None) -> FloatArray:
-    """Vertices in the model file itself, (n, 3): the numbers in its text, if those are what MuJoCo has read."""
-    text = element.attributes.get("vertex", "") if element is not None else ""
-    try:
-        exact = np.array(text.split(), dtype=np.float64)
-    except ValueError:
-        exact = np.zeros(0)
-    same = len(exact) == len(single) and bool((exact.astype(np.float32) == single).all())
-    return np.asarray((exact if same else decimals(single)).reshape(-1, 3))
 
 
 def _parsed(content: bytes, kind: str, place: str) -> tuple[FloatArray, IntArray]:
