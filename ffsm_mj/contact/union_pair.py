@@ -429,17 +429,19 @@ def _levelled(
     sqrt(2 depth / radius). The normals of a union are the intersection of those of its pieces: there is only the face.
     """
     cone: FloatArray | None = None
+    uncovered = normal
     for sense, pieces, side, paired in zip((1.0, -1.0), (a, b), pair.union.sides, pair.pieces, strict=True):
         for piece, normals in pieces.items():
             if piece.is_curved and side.are_one_surface(piece, paired):
                 # At the rim that it shares with the next cylinder, the normal of the pair may be that of a covered cap.
-                normal = sense * nearest_in_cone(normals, sense * normal)
-                continue
-            if piece.is_curved and piece is paired:
-                continue
-            cone = sense * normals if cone is None else intersection(cone, sense * normals)
-    if cone is None or not len(cone):
-        return None
-    level = nearest_in_cone(cone, normal)
+                uncovered = sense * nearest_in_cone(normals, sense * uncovered)
+            elif not piece.is_curved or piece is not paired:
+                cone = sense * normals if cone is None else intersection(cone, sense * normals)
     radius = min(piece.radius for piece in pair.pieces if piece.is_curved)
-    return level if math.dist(level, normal) <= math.sqrt(2.0 * _AT_POINT_M / radius) else None
+    rounding = math.sqrt(2.0 * _AT_POINT_M / radius)
+    if cone is None:  # nothing but round surfaces of both pieces
+        return normal if math.dist(normal, uncovered) <= rounding else uncovered
+    if not len(cone):
+        return None
+    level = nearest_in_cone(cone, uncovered)
+    return level if math.dist(level, uncovered) <= rounding else None
