@@ -19,10 +19,6 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
-from ffsm_mj.decomposition import coacd, planes
-from ffsm_mj.decomposition.distances import distances
-from ffsm_mj.decomposition.gate import gate
-from ffsm_mj.decomposition.terrain import mesh_prisms
 from ffsm_mj.errors import InputError
 from ffsm_mj.polytope import Polytope
 
@@ -35,6 +31,8 @@ _VERSIONS = {"planes": "1", "prisms": "1"}
 _MOST_PIECES = 100_000
 _UNIT = 1e-9
 """Greatest deviation of the length of a normal from 1."""
+_READABLE = 0o644
+"""Mode of a file: a temporary one is for its owner alone."""
 _CONVEX = 1e-6
 """Greatest height of a vertex above a plane of its piece, over the greatest coordinate."""
 
@@ -64,7 +62,9 @@ class Request:
     @property
     def version(self) -> str | None:
         """Version of the method here; None if its package is not installed."""
-        return _VERSIONS.get(self.method) or coacd.installed_version()
+        from ffsm_mj.decomposition.coacd import installed_version  # imports take long that only this needs
+
+        return _VERSIONS.get(self.method) or installed_version()
 
     def key(self, version: str) -> str:
         """SHA-256 of mesh, method, version and options."""
@@ -127,6 +127,10 @@ def decompose(request: Request) -> Decomposition:
     Raises:
         InputError: It does not pass the gate, or the method fails.
     """
+    from ffsm_mj.decomposition import coacd, planes  # runs that have their pieces do not import what makes them
+    from ffsm_mj.decomposition.distances import distances
+    from ffsm_mj.decomposition.gate import gate
+
     version = request.version or ""
     if request.depth_m is not None:
         return Decomposition(
@@ -148,6 +152,8 @@ def _terrain(request: Request, depth_m: float) -> tuple[Polytope, ...]:
     Raises:
         InputError: It is closed, overhangs or has a coordinate that is no number.
     """
+    from ffsm_mj.decomposition.terrain import mesh_prisms
+
     vertices, faces = request.vertices, request.faces
     if not np.isfinite(vertices[faces]).all():
         raise InputError(f"{request.place}: has a coordinate that is not a finite number")
@@ -231,9 +237,13 @@ def _piece(data: Mapping[str, Any], table: FloatArray) -> Polytope:
     normals, offsets = chosen[:, :3] + 0.0, chosen[:, 3] + 0.0
     heights = (normals @ vertices.T - offsets[:, None]).max()
     unit = np.abs(np.linalg.norm(normals, axis=1) - 1.0).max() <= _UNIT
-    if not (unit and heights <= _CONVEX * np.abs(vertices).max()):  # also where a number is not finite
+    off = max(np.abs(vertices[list(face)] @ normals[k] - offsets[k]).max() for k, face in enumerate(faces))
+    if not (unit and max(heights, off) <= _CONVEX * np.abs(vertices).max()):  # also where a number is not finite
         raise ValueError
-    return Polytope(vertices, normals, offsets, faces)
+    piece = Polytope(vertices, normals, offsets, faces)
+    if 2 * len(piece.edges) != len(indices):  # each edge is a side of two faces; one without the other is a KeyError
+        raise ValueError
+    return piece
 
 
 def stored_in(
@@ -270,9 +280,12 @@ def read_folder(folder: Path, request: Request) -> dict[str, bytes]:
 
 def write(folder: Path, name: str, content: bytes) -> None:
     """Write a file with pieces, whole or not at all: two runs may do so at once. A folder that cannot be written is left."""
+    from tempfile import NamedTemporaryFile
+
     path = folder / name
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
     with suppress(OSError):
         path.parent.mkdir(exist_ok=True)
-        part.write_bytes(content)
-        part.replace(path)
+        with NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}", delete=False) as part:
+            part.write(content)
+        os.chmod(part.name, _READABLE)
+        os.replace(part.name, path)

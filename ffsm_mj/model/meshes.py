@@ -191,6 +191,8 @@ def weigh_by_volume(spec: Any, files: ModelFiles) -> list[str]:
             before, mesh.inertia = _OF_HULL[int(mesh.inertia)], _EXACT
             weighed = {geom.parent.name for geom in spec.geoms if geom.meshname == name and not geom.parent.explicitinertial}
             weighed.discard("world")
+            if files.pose is not None:  # what is fixed has no mass
+                weighed.clear()
             notes += [
                 f"mass and inertia of {body} are of the volume of mesh {name!r}, not {before}" for body in sorted(weighed)
             ]

@@ -127,11 +127,12 @@ def inertia_of(pieces):
     return volumes.sum(), centre, np.trace(second) * np.eye(3) - second
 
 
+@pytest.mark.parametrize("written", [inline, obj, stl])
 @pytest.mark.parametrize("flipped", [False, True])
-def test_mass_and_inertia_are_of_the_volume(tmp_path, flipped):
+def test_mass_and_inertia_are_of_the_volume(tmp_path, flipped, written):
     """MuJoCo's default counts overlaps twice; numbers of the mesh in single precision give 1e-6 of mass and inertia."""
     vertices, faces = meshes.frame()
-    system = compiled(write_model(tmp_path, inline(vertices, faces[:, ::-1] if flipped else faces)))
+    system = compiled(write_model(tmp_path, written(vertices, faces[:, ::-1] if flipped else faces)))
     volume, centre, inertia = inertia_of(pieces_in_world(system))
     body = system.index("body", "part/part")
     data = mujoco.MjData(system.mj)
