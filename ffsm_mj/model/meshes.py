@@ -187,12 +187,10 @@ def weigh_by_volume(spec: Any, files: ModelFiles) -> list[str]:
             mesh.userface = of_file.faces[:, ::-1].reshape(-1).tolist()
             for attribute in ("usernormal", "usertexcoord", "userfacenormal", "userfacetexcoord"):
                 setattr(mesh, attribute, [])
-        if int(mesh.inertia) in _OF_HULL:
+        if files.pose is None and int(mesh.inertia) in _OF_HULL:  # what is fixed has no mass, and may be open
             before, mesh.inertia = _OF_HULL[int(mesh.inertia)], _EXACT
             weighed = {geom.parent.name for geom in spec.geoms if geom.meshname == name and not geom.parent.explicitinertial}
             weighed.discard("world")
-            if files.pose is not None:  # what is fixed has no mass
-                weighed.clear()
             notes += [
                 f"mass and inertia of {body} are of the volume of mesh {name!r}, not {before}" for body in sorted(weighed)
             ]

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from ffsm_mj.decomposition import coacd
+from ffsm_mj.decomposition import coacd, stored
 from ffsm_mj.decomposition.stored import FOLDER
 from ffsm_mj.errors import InputError, ScenarioFaults
 from ffsm_mj.model import decompose
@@ -193,7 +193,7 @@ def test_a_log_has_the_pieces(tmp_path, monkeypatch):
     path = write_model(tmp_path, inline(*meshes.bracket()))
     wanted = [Decompose(mesh="part")]
     kept = with_pieces(read_model(path), wanted, path.parent, ())
-    monkeypatch.setattr("ffsm_mj.decomposition.stored._PLANES_VERSION", "2")
+    monkeypatch.setitem(stored._VERSIONS, "planes", "2")
     logged = with_logged_pieces(read_model(path), wanted, kept.files)
     assert logged.files == kept.files
     assert logged.pieces["part"].version == "1"
