@@ -177,7 +177,10 @@ class _Partition:
         return above, below
 
     def _parts(self, cell: _Cell) -> Iterator[_Cell]:
-        """The two cells into which the plane of the best row cuts one; an empty one outside the solid is left out."""
+        """The two cells into which the plane of the best row cuts one.
+
+        One without faces is all inside: on the other side of the plane, beyond a face in it, there is a face.
+        """
         row = cell.best_row()
         normal, offset = self._planes.normals[cell.rows[row]], float(self._planes.offsets[cell.rows[row]])
         above, below = cell.above[row], cell.below[row]
@@ -189,9 +192,6 @@ class _Partition:
                 continue
             kept, parts = np.flatnonzero(whole), [both[side] for both in cut]
             faces = [cell.faces[k] for k in kept.tolist()] + parts
-            # Without a face a cell is all inside or all outside.
-            if not faces and self._surface.winding(space.vertices.mean(axis=0)) < 0.5:
-                continue
             index, sides = np.concatenate((kept, divided)), self._sides(cell.rows, parts)
             columns = [np.hstack((old[:, kept], new)) for old, new in zip((cell.above, cell.below), sides, strict=True)]
             yield _Cell(space, faces, cell.planes[index], cell.senses[index], cell.rows, *columns)

@@ -53,6 +53,12 @@ def slot():
     return of_cells([[0.0, 0.3], [-0.03, -0.02, -0.008, 0.008, 0.02, 0.03], [0.0, 0.01, 0.02, 0.03]], filled)
 
 
+def posts():
+    """Three separate posts: the first has its top in the plane in which the second has its bottom."""
+    levels = [[[1, 0]], [[0, 0]], [[0, 1]], [[0, 0]], [[1, 1]]]
+    return of_cells([[0.0, 0.1, 0.2, 0.3, 0.4, 0.5], [0.0, 0.1], [0.0, 0.3, 0.6]], levels)
+
+
 def frame():
     """The twelve bars along the edges of a cube."""
     lines = [-0.4, -0.37, 0.37, 0.4]

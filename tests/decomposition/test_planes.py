@@ -19,11 +19,12 @@ CONVEX_PARTS = {
     meshes.bracket: 2,
     meshes.plate: 4,
     meshes.slot: 5,
+    meshes.posts: 3,
     meshes.frame: 12,
     meshes.cone: 64,
 }
-"""Least numbers of pieces that face planes cut: two legs, four sides, a base with two walls and two lips, twelve bars, and
-a piece behind each of the 64 inner facets."""
+"""Least numbers of pieces that face planes cut: two legs, four sides, a base with two walls and two lips, three
+posts, twelve bars, and a piece behind each of the 64 inner facets."""
 
 
 def surface_of(part):
@@ -81,9 +82,10 @@ def test_pieces_fill_the_solid_once(part, turned):
     np.testing.assert_array_equal(number_around(pieces, points), inside)
 
 
-def test_neighbours_share_planes_bit_for_bit():
+@pytest.mark.parametrize(("part", "count"), [(meshes.slot, 12), (meshes.posts, 11)])
+def test_neighbours_share_planes_bit_for_bit(part, count):
     """Of any two planes of the pieces either both are one, in the same or the other sense, or they differ visibly."""
-    vertices, faces = meshes.slot()
+    vertices, faces = part()
     pieces = pieces_of(surface_of((turn(vertices), faces)))
     distinct = {}
     for piece in pieces:
@@ -93,8 +95,9 @@ def test_neighbours_share_planes_bit_for_bit():
             distinct[tuple(sense * value for value in (*normal, offset))] = True
     for one, other in combinations(map(np.array, distinct), 2):
         assert np.abs(one - other).max() > 1e-3
-    # Two ends, two outer sides, bottom, top, floor of the slot, lips, and two walls of the slot and of its neck.
-    assert len(distinct) == 12
+    # Slot: two ends, two outer sides, bottom, top, floor of the slot, lips, and two walls of the slot and of its neck.
+    # Posts: six planes across x, two across y, three levels.
+    assert len(distinct) == count
 
 
 @pytest.mark.parametrize("part", CONVEX_PARTS)
