@@ -17,7 +17,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.features.body_motion import Vector
-from ffsm_mj.contact.features.cores import Face, Line, Point, RegionFace
+from ffsm_mj.contact.features.cores import Circle, Core, Face, Line, Point, RegionFace
 from ffsm_mj.contact.shape import Part
 from ffsm_mj.contact.solid.rods import Ends, Rod, covered_ends
 from ffsm_mj.contact.solid.solid import Solid
@@ -28,8 +28,6 @@ from ffsm_mj.tolerances import MERGED_M, MESH_PRECISION
 
 _BOX, _MESH = int(mujoco.mjtGeom.mjGEOM_BOX), int(mujoco.mjtGeom.mjGEOM_MESH)
 _CAPSULE, _CYLINDER = int(mujoco.mjtGeom.mjGEOM_CAPSULE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)
-_ALONG = 1e-9
-"""Cosine below 1 within which a normal is that of a cap."""
 _TOUCHING_M, _NEAR_M = 1e-6, 1e-3
 """Geoms of one body within the first distance touch each other; the limit of the queries that tell."""
 
@@ -112,17 +110,17 @@ class Side:
         """Pieces whose boxes are within a reach of a point, axes of the body, m."""
         return [self.pieces[k] for k in self.tree.near(point, point, reach).tolist()]
 
-    def exposed(self, piece: Piece, normals: FloatArray, axis: FloatArray) -> FloatArray:
-        """Those of some normals of a piece at a point, (k, 3), that are not of a cap which another cylinder continues.
+    def is_covered(self, piece: Piece, normal: FloatArray) -> bool:
+        """Whether an outward normal, axes of the body, is that of an end which another cylinder or capsule continues."""
+        return piece.number in self._rods and self._rods[piece.number].cover(normal)
 
-        Args:
-            piece: The piece.
-            normals: Its normals there.
-            axis: Its z axis, in the same axes.
-        """
-        for sense in self._rods[piece.number].senses if piece.number in self._rods else ():
-            normals = normals[normals @ (sense * axis) < 1.0 - _ALONG]
-        return normals
+    def is_covered_end(self, core: Core, piece: Piece) -> bool:
+        """Whether a core of a piece, axes of the body, is such an end: a rim, a cap or a round end."""
+        if piece.number not in self._rods or not isinstance(core, Circle | Face | Point):
+            return False
+        outward = core.axis if isinstance(core, Circle) else core.normal if isinstance(core, Face) else None
+        offset = np.array(core.centre) - self._rods[piece.number].rod.centre
+        return self.is_covered(piece, offset if outward is None else np.array(outward))
 
     def are_one_surface(self, piece: Piece, other: Piece) -> bool:
         """Whether two pieces are one round surface: cylinders and capsules end to end."""
@@ -150,7 +148,9 @@ class Side:
         return RegionFace(face.name, face.body, (x, y, z), (a, b, c), (), region=region)
 
     def edge(self, line: Line, piece: Piece) -> Line:
-        """An edge of a piece as far as it is one edge of the union; axes of the body."""
+        """An edge of a piece, or a round side, as far as it is one of the union; axes of the body."""
+        if line.radius > 0.0 and piece.number in self._rods:
+            return _along(line, self._rods[piece.number].whole)
         if piece.polytope is None or line.radius > 0.0:
             return line
         assert self.solid is not None
@@ -170,6 +170,15 @@ class Side:
                 centre, direction = (x, y, z), (a, b, c)
                 return replace(line, centre=centre, direction=direction, half=0.5 * length, wedge=wedge, ends=ends)
         return line
+
+
+def _along(line: Line, rod: Rod) -> Line:
+    """A round side as that of a whole rod, with rims at the ends of it."""
+    sense = math.copysign(1.0, float(np.array(line.direction) @ rod.axis))
+    axis = sense * rod.axis
+    outward = (sorted(line.ends, key=lambda end: float(np.array(end.centre) @ axis)), (-1.0, 1.0))
+    ends = tuple(replace(end, centre=_vector(rod.centre + s * rod.half * axis)) for end, s in zip(*outward, strict=True))
+    return replace(line, centre=_vector(rod.centre), direction=_vector(axis), half=rod.half, ends=ends)
 
 
 def _vector(array: FloatArray) -> Vector:

@@ -355,6 +355,8 @@ class UnionPair(ContactPair):
         self, model: Any, data: Any, pair: PiecePair, near: Proximity, point: FloatArray
     ) -> Iterator[tuple[FloatArray, PiecePair]]:
         """Normals of the contact at a point where two pieces touch, each with a pair of pieces that has it."""
+        if pair.is_curved and self._is_covered(pair, data, near.normal):
+            return  # the next cylinder has the contact
         a, b = (self._there(side, model, data, point) for side in self.sides)
         # Deeper overlaps have no common point of both surfaces: they are asked for to find when they began.
         if near.gap < -CONTACT_GAP_M or (len(a) <= 1 and len(b) <= 1):
@@ -373,6 +375,13 @@ class UnionPair(ContactPair):
             if owners:
                 yield normal, pair if self.number_of(*pair.pieces) in owners else self.piece_pair(owners[0])
 
+    def _is_covered(self, pair: PiecePair, data: Any, normal: FloatArray) -> bool:
+        """Whether a normal of two pieces is that of an end of a cylinder or capsule which another one continues."""
+        return any(
+            side.is_covered(piece, sense * normal @ data.xmat[side.body].reshape(3, 3))
+            for side, piece, sense in zip(self.sides, pair.pieces, (1.0, -1.0), strict=True)
+        )
+
     def _moves(self, data: Any, point: FloatArray) -> FloatArray:
         """Velocity of b relative to a at a point, m/s, (3,)."""
         there = point[None]
@@ -381,14 +390,15 @@ class UnionPair(ContactPair):
 
     def _there(self, side: Side, model: Any, data: Any, point: FloatArray) -> dict[Piece, FloatArray]:
         """Pieces of a side that have a point on their surface, with the normals there."""
-        local = (point - data.xpos[side.body]) @ data.xmat[side.body].reshape(3, 3)
+        rotation = data.xmat[side.body].reshape(3, 3)
+        local = (point - data.xpos[side.body]) @ rotation
         there = {}
         for piece in side.at(local, _AT_POINT_M):
             normals = Shape(model, data, piece.geom, piece.part).normals_at(point, _AT_POINT_M)
             if normals is not None:
-                normals = side.exposed(piece, normals, data.geom_xmat[piece.geom].reshape(3, 3)[:, 2])
-                if len(normals):
-                    there[piece] = normals
+                exposed = [normal for normal in normals if not side.is_covered(piece, normal @ rotation)]
+                if exposed:
+                    there[piece] = np.array(exposed)
         return there
 
     def second_rate(self, model: Any, data: Any, near: Proximity, point: FloatArray) -> SecondRate:
@@ -429,19 +439,14 @@ def _levelled(
     sqrt(2 depth / radius). The normals of a union are the intersection of those of its pieces: there is only the face.
     """
     cone: FloatArray | None = None
-    uncovered = normal
     for sense, pieces, side, paired in zip((1.0, -1.0), (a, b), pair.union.sides, pair.pieces, strict=True):
         for piece, normals in pieces.items():
-            if piece.is_curved and side.are_one_surface(piece, paired):
-                # At the rim that it shares with the next cylinder, the normal of the pair may be that of a covered cap.
-                uncovered = sense * nearest_in_cone(normals, sense * uncovered)
-            elif not piece.is_curved or piece is not paired:
+            if not piece.is_curved or (piece is not paired and not side.are_one_surface(piece, paired)):
                 cone = sense * normals if cone is None else intersection(cone, sense * normals)
-    radius = min(piece.radius for piece in pair.pieces if piece.is_curved)
-    rounding = math.sqrt(2.0 * _AT_POINT_M / radius)
-    if cone is None:  # nothing but round surfaces of both pieces
-        return normal if math.dist(normal, uncovered) <= rounding else uncovered
+    if cone is None:  # nothing but the round surfaces of both pieces
+        return normal
     if not len(cone):
         return None
-    level = nearest_in_cone(cone, uncovered)
-    return level if math.dist(level, uncovered) <= rounding else None
+    level = nearest_in_cone(cone, normal)
+    radius = min(piece.radius for piece in pair.pieces if piece.is_curved)
+    return level if math.dist(level, normal) <= math.sqrt(2.0 * _AT_POINT_M / radius) else None

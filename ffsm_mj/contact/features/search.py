@@ -86,19 +86,32 @@ def _of_patch(near: UnionProximity, model: Any, data: Any) -> tuple[Feature, ...
     bodies = Body(model, sides[0].body), Body(model, sides[1].body)
     closed: list[tuple[GapFunction, FeatureState]] = []
     for on_face in (True, False):
-        for pair in near.pieces:
-            search = _search(pair, model, data, near, bodies)
-            for feature in search.on_faces() if on_face else search.all():
-                united = _united(feature, data, pair)
-                state = united.at(data)
-                # Points of seams are no corners of the patch, and a corner over a seam is found by both pieces.
-                at_corner = any(math.dist(state.point, point) <= SAME_POINT_M for point in near.points)
-                if at_corner and all(math.dist(state.point, other.point) > FEATURE_BOUND_M for _, other in closed):
-                    closed.append((united, state))
+        closing = [
+            (feature, pair)
+            for pair in near.pieces
+            for search in (_search(pair, model, data, near, bodies),)
+            for feature in (search.on_faces() if on_face else search.all())
+        ]
+        for feature, pair in sorted(closing, key=lambda entry: _is_covered(*entry)):
+            united = _united(feature, data, pair)
+            state = united.at(data)
+            # Points of seams are no corners of the patch, and a corner over a seam is found by both pieces. Where a body
+            # passes the rim between two cylinders, this is no contact beside that on their side.
+            apart = SAME_POINT_M if _is_covered(feature, pair) else FEATURE_BOUND_M
+            at_corner = any(math.dist(state.point, point) <= SAME_POINT_M for point in near.points)
+            if at_corner and all(math.dist(state.point, other.point) > apart for _, other in closed):
+                closed.append((united, state))
         # The highest-dimensional contact wins, as between two geoms.
         if closed:
             break
     return tuple(feature for feature, _ in closed)
+
+
+def _is_covered(feature: GapFunction, pair: PiecePair) -> bool:
+    """Whether a feature is at an end of a cylinder or capsule that another one continues."""
+    _, swapped, first, second, *_ = feature.arguments
+    entries = [*zip(pair.union.sides, pair.pieces, strict=True)][:: -1 if swapped else 1]
+    return any(side.is_covered_end(core, piece) for core, (side, piece) in zip((first, second), entries, strict=True))
 
 
 def _united(feature: GapFunction, data: Any, pair: PiecePair) -> GapFunction:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.tolerances import PARALLEL
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,12 +53,20 @@ class Ends:
     """Ends of a rod that others continue.
 
     Attributes:
+        rod: The rod.
         senses: 1 for that along its axis, -1 for the other one.
         run: Number of the run of rods that it belongs to: these have one round surface.
+        whole: The run as one rod; the same numbers for all of its rods.
     """
 
+    rod: Rod
     senses: tuple[float, ...]
     run: int
+    whole: Rod
+
+    def cover(self, direction: FloatArray) -> bool:
+        """Whether a direction, (3,), points out of one of these ends."""
+        return any(sense * float(direction @ self.rod.axis) > PARALLEL for sense in self.senses)
 
 
 def covered_ends(rods: Sequence[Rod], tolerance: float) -> list[Ends]:
@@ -73,4 +82,13 @@ def covered_ends(rods: Sequence[Rod], tolerance: float) -> list[Ends]:
         senses.append(tuple(dict.fromkeys(sense for sense, _ in beyond)))
         for _, i in beyond:
             runs = [runs[k] if run == runs[i] else run for run in runs]
-    return [Ends(of_rod, run) for of_rod, run in zip(senses, runs, strict=True)]
+    wholes = {run: _whole([rod for rod, of in zip(rods, runs, strict=True) if of == run]) for run in set(runs)}
+    return [Ends(rod, covered, run, wholes[run]) for rod, covered, run in zip(rods, senses, runs, strict=True)]
+
+
+def _whole(rods: Sequence[Rod]) -> Rod:
+    """A run of rods as one, along the axis of the first."""
+    first = rods[0]
+    ends = [float((rod.centre - first.centre) @ first.axis) + sense * rod.half for rod in rods for sense in (-1.0, 1.0)]
+    low, high = min(ends), max(ends)
+    return Rod(first.centre + 0.5 * (low + high) * first.axis, first.axis, 0.5 * (high - low), first.radius)

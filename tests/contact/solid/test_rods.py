@@ -55,3 +55,17 @@ def test_runs_in_any_order():
         ends = covered_ends([rods[k] for k in order], TOLERANCE)
         assert len({(order[i] % 2, end.run) for i, end in enumerate(ends)}) == 2
         assert sum(len(end.senses) for end in ends) == 12
+
+
+def test_the_whole_of_a_run_and_what_is_covered():
+    """Three rods of which one is turned: one rod from end to end, the same numbers for all; inner ends cover their sides."""
+    ends = covered_ends([rod(1, 2, reverse=True), rod(0, 1), rod(2, 5)], TOLERANCE)
+    (whole,) = {end.whole for end in ends}
+    assert whole.half == pytest.approx(2.5, abs=1e-14)
+    np.testing.assert_allclose(whole.centre, TURN @ [0.0, 0.0, 2.5], atol=1e-14)
+    along = TURN[:, 2]
+    assert [(end.cover(along), end.cover(-along), end.cover(TURN[:, 0])) for end in ends] == [
+        (True, True, False),
+        (True, False, False),
+        (False, True, False),
+    ]
