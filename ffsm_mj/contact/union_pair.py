@@ -27,7 +27,7 @@ from ffsm_mj.contact.normal import DISTANCE_LIMIT_M, NormalSearch, separation
 from ffsm_mj.contact.pairs import ContactPair, gap_rounding
 from ffsm_mj.contact.patch import corners_across
 from ffsm_mj.contact.probe import PartSearch, Probe
-from ffsm_mj.contact.proximity import FAR_M, Proximity, SecondRate
+from ffsm_mj.contact.proximity import FAR_M, Proximity, SecondRate, second_rate
 from ffsm_mj.contact.shape import Shape
 from ffsm_mj.contact.sides import Piece, Side
 from ffsm_mj.model.system import System
@@ -403,11 +403,44 @@ class UnionPair(ContactPair):
 
     def second_rate(self, model: Any, data: Any, near: Proximity, point: FloatArray) -> SecondRate:
         """Second rate of the gap at one of the points of a patch; accelerations in ``data`` must be current."""
-        return _owner(near, point).second_rate(model, data, near, point)
+        owner, half = _owner(near, point), 0.5 * near.gap * near.normal
+        shapes = [
+            _AmongOthers(model, data, piece, [*self._there(side, model, data, point)], point, side.body)
+            for piece, side in zip(owner.pieces, self.sides, strict=True)
+        ]
+        bodies, points = (self.body_a, self.body_b), (point - half, point + half)
+        return second_rate(model, data, bodies, (shapes[0], shapes[1]), near.normal, points)
 
     def geoms_at(self, near: Proximity, point: FloatArray) -> tuple[str, str]:
         """Full names of the geoms of the pieces that touch at one of the points of a patch."""
         return _owner(near, point).geoms
+
+
+class _AmongOthers(Shape):
+    """A piece of a union at a contact point, with what the pieces next to it add to its face there."""
+
+    def __init__(self, model: Any, data: Any, piece: Piece, there: Sequence[Piece], point: FloatArray, body: int) -> None:
+        """Take the pieces that have a point, world axes, on their surface."""
+        super().__init__(model, data, piece.geom, piece.part)
+        axes = data.xmat[body].reshape(3, 3).T
+        self._others = [
+            data.xpos[body] + other.polytope.vertices @ axes
+            for other in there
+            if other is not piece and other.polytope is not None
+        ]
+        self._point = point
+
+    def extreme(self, direction: FloatArray, width: float = 0.0, tolerance: float = 0.0) -> FloatArray:
+        """Extreme points of the piece along a unit vector, and those of pieces beside it that go on there or rise above.
+
+        At a seam a face goes on in the next piece, and where another piece stands on it, it ends at no edge of the union.
+        """
+        points, level = [super().extreme(direction, width, tolerance)], float(self._point @ direction)
+        if width > 0.0:
+            heights = [(vertices @ direction - level, vertices) for vertices in self._others]
+            points += [vertices[height >= -_AT_POINT_M] for height, vertices in heights]
+        every = np.concatenate(points)
+        return every[corners_across(every, direction)] if len(points) > 1 else every
 
 
 def _owner(near: Proximity, point: FloatArray) -> PiecePair:

@@ -498,12 +498,9 @@ class ClosedContacts:
         """Features other than the contact points, by which closed pairs overlap."""
         return self.clearance.overlapping_features(self.gaps_of)
 
-    def states(self) -> dict[UnilateralConstraint, list[FeatureState]]:
-        """States of the contact points of each closed pair."""
-        data = self._scene.data
-        return {
-            pair: [contact.feature.at(data) for contact in contact_points] for pair, contact_points in self.by_pair.items()
-        }
+    def states_of(self, pair: UnilateralConstraint, patch: str) -> list[FeatureState]:
+        """States of the contact points of a patch of a closed pair."""
+        return [contact.feature.at(self.data) for contact in self.by_pair.get(pair, ()) if contact.patch == patch]
 
     def pairs_outside_feature(self) -> list[UnilateralConstraint]:
         """Pairs with a contact point outside its feature."""

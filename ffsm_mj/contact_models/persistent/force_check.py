@@ -44,7 +44,7 @@ from ffsm_mj.contact_models.impact.laws import least_norm, project
 from ffsm_mj.contact_models.impact.resolution import Contact, LimitContact, as_contact, contact_jacobian, contact_rows
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.closed_contacts import ClosedContacts
-from ffsm_mj.contact_models.persistent.closing import closed_and_still, closed_rate_tolerance
+from ffsm_mj.contact_models.persistent.closing import closed_and_still, closed_rate_tolerance, patch_of
 from ffsm_mj.contact_models.persistent.columns import force_key, state_key
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.friction.cones import cone_depth
@@ -261,10 +261,10 @@ def _direction(u: FloatArray, replayed: FloatArray, rounding: float) -> FloatArr
 def _same_point(closed: ClosedContacts, point: PointAgain) -> ContactPoint | None:
     """The contact point of the replay at the place of a point."""
     for contact in closed.by_pair.get(point.pair, ()):
-        if (
-            point.pair.is_limit
+        if point.pair.is_limit or (
+            contact.patch == patch_of(point.near)
             # Support functions and features place the corners of a mesh by different numbers of single precision.
-            or math.dist(contact.feature.at(closed.data).point, point.point) <= SAME_POINT_M
+            and math.dist(contact.feature.at(closed.data).point, point.point) <= SAME_POINT_M
         ):
             return contact
     return None
@@ -346,11 +346,10 @@ class ForceCheck:
 
         The second value is the violation of Coulomb's conditions, N; zero without friction.
         """
-        states = self._closed_set.states()
         points = [
             (pair, proximity, point)
             for pair, near in touching
-            for proximity, point in _points_with_normals(pair, near, states.get(pair, []))
+            for proximity, point in _points_with_normals(pair, near, self._closed_set.states_of(pair, patch_of(near)))
         ]
         if not points:
             return {}, 0.0
