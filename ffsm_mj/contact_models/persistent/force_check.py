@@ -260,14 +260,16 @@ def _direction(u: FloatArray, replayed: FloatArray, rounding: float) -> FloatArr
 
 def _same_point(closed: ClosedContacts, point: PointAgain) -> ContactPoint | None:
     """The contact point of the replay at the place of a point."""
-    for contact in closed.by_pair.get(point.pair, ()):
-        if point.pair.is_limit or (
-            contact.patch == patch_of(point.near)
-            # Support functions and features place the corners of a mesh by different numbers of single precision.
-            and math.dist(contact.feature.at(closed.data).point, point.point) <= SAME_POINT_M
-        ):
-            return contact
-    return None
+    if point.pair.is_limit:
+        return next(iter(closed.by_pair.get(point.pair, ())), None)
+    apart = [
+        (math.dist(contact.feature.at(closed.data).point, point.point), i, contact)
+        for i, contact in enumerate(closed.by_pair.get(point.pair, ()))
+        if contact.patch == patch_of(point.near)
+    ]
+    nearest = min(apart, default=None)
+    # Support functions and features place the corners of a mesh by different numbers of single precision.
+    return nearest[-1] if nearest is not None and nearest[0] <= SAME_POINT_M else None
 
 
 class ForceCheck:
