@@ -24,27 +24,28 @@ duration_s: 1.0
 time_step_s: 0.005
 control_period_s: 0.005
 robot: {{mjcf: ball.xml}}
-objects: {{plate: {{mjcf: plate.xml{decompose}}}}}
+objects: {{plate: {{mjcf: plate.xml{keys}}}}}
 contacts: {{default: {{restitution: 1.0}}}}
 initial: {{rates: {{ball_joint: [0.0, 0.0, -1.0, 0.0, 0.0, 0.0]}}}}
 phases: [{{name: coast, until: end, controller: {{kind: "off"}}}}]
 """
 
 
-def scenario(folder, *, x=0.0, pieces=True, part=PLATE):
+def scenario(folder, *, x=0.0, pieces=True, part=PLATE, fixed=False):
     """A ball of 8 cm flies at a plate with a hole of 20 cm, along the axis of the hole at a distance."""
     numbers, faces = (" ".join(map(repr, array.reshape(-1).tolist())) for array in part)
     (folder / "plate.xml").write_text(
         f'<mujoco><asset><mesh name="plate" vertex="{numbers}" face="{faces}"/></asset><worldbody>'
-        '<body name="plate"><freejoint/><geom name="plate" type="mesh" mesh="plate" density="1000"/></body>'
-        "</worldbody></mujoco>"
+        f'<body name="plate">{"" if fixed else "<freejoint/>"}<geom name="plate" type="mesh" mesh="plate" density="1000"/>'
+        "</body></worldbody></mujoco>"
     )
     (folder / "ball.xml").write_text(
         f'<mujoco><worldbody><body name="ball" pos="{x} 0 0.5"><freejoint/><geom name="ball" size="0.04" mass="1"/>'
         "</body></worldbody></mujoco>"
     )
     path = folder / "hole.yaml"
-    path.write_text(SCENARIO.format(decompose=", decompose: {mesh: plate}" if pieces else ""))
+    keys = (", decompose: {mesh: plate}" if pieces else "") + (", fixed: true" if fixed else "")
+    path.write_text(SCENARIO.format(keys=keys))
     return path
 
 
@@ -101,3 +102,22 @@ def test_run_folder_and_log_need_no_other_files(tmp_path, monkeypatch):
     system = compile_log(ffsm_mj.load_run(tmp_path / "again").log)
     (pieces,) = system.pieces.values()
     assert len(pieces) == 4
+
+
+@pytest.mark.parametrize("shape", ['type="sphere" size="0.04"', 'type="box" size="0.03 0.04 0.04" euler="0 0 20"'])
+def test_a_body_slides_over_the_seams_of_a_plate(tmp_path, shape):
+    """One impact without restitution, then a straight way over the seams of the pieces beside the hole, without an event."""
+    path = scenario(tmp_path, fixed=True)
+    ball = (tmp_path / "ball.xml").read_text()
+    (tmp_path / "ball.xml").write_text(ball.replace('size="0.04"', shape).replace('pos="0.0 0 0.5"', 'pos="0.2 -0.25 0.1"'))
+    text = path.read_text().replace("restitution: 1.0", "restitution: 0.0").replace("0.0, 0.0, -1.0,", "0.01, 0.5, -0.2,")
+    path.write_text(text)
+    run = ffsm_mj.run(path, out=tmp_path / "out")
+    assert len({record.event for record in run.impacts}) == 1
+    # It falls 4 cm at 0.2 m/s, and keeps what it has along the plate.
+    (time_s,) = {record.time_s for record in run.impacts}
+    assert time_s == pytest.approx(0.2, abs=1e-9)
+    last = run.log.rows[-1]
+    place = [last[run.log.header.layout.index[f"state.q_robot_ball_joint_{axis}_m"]] for axis in "xyz"]
+    np.testing.assert_allclose(place, [0.21, 0.25, 0.06], atol=1e-9)
+    assert_passes(run)
