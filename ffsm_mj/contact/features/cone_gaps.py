@@ -99,6 +99,8 @@ _TURNS = 30
 """Largest number of Newton steps for the generator; a few suffice from the last one."""
 _LONGEST_TURN = 0.3
 """Longest Newton step, rad."""
+_FLATTEST_M = 1e-9
+"""Least curvature by which a Newton step is divided, m; contact ends a run before it is so flat."""
 _ALIKE = 1e-6
 """Share of the distance from the axis to which radii of curvature must differ: the contact travels at the inverse."""
 _NO_AXIS = 1e-300
@@ -196,7 +198,9 @@ class RoundOnCone(GapFunction):
             arm = core.extreme(second, against)
             stiff = dot(around, core.extreme_rate(second, against, around))
             offset = minus(shifted(second.origin, 1.0, arm), apex)
-            step = dot(around, offset) / (dot(first.turned(outward), offset) - cone.cosine * stiff)
+            # Downhill, whatever the curvature: where a trial step has left no minimum, the next one is that of the other side.
+            curved = abs(dot(first.turned(outward), offset) - cone.cosine * stiff)
+            step = dot(around, offset) / max(curved, _FLATTEST_M)
             self._angle += max(-_LONGEST_TURN, min(_LONGEST_TURN, step))
             if abs(step) < NEWTON_STEP:
                 break
