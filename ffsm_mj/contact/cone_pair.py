@@ -341,11 +341,9 @@ class RoundConePair(ConePair):
         super().__init__(*arguments)
         self._generators, self.slot = generators, slot
 
-    def gap(self, model: Any, data: Any, limit: float = FAR_M) -> float:
-        """The same; where it has no place, a lower bound for the time when it has one."""
-        if self._place(data) is None:
-            return min(max(self._generators.least(data), 0.0), limit)
-        return super().gap(model, data, limit)
+    def gap(self, model: Any, data: Any, limit: float = FAR_M) -> float:  # noqa: ARG002
+        """The same of all places of the rim or ellipsoid: one may go, and come where another is, nearer than it was."""
+        return min([limit, *(self._seen(data, place)[0] for place in self._generators.places(data))])
 
     def _place(self, data: Any) -> FloatArray | None:
         return self._generators.place(data, self.slot)

@@ -73,20 +73,20 @@ class NearestGenerators(Stateful):
 
     def place(self, data: Any, slot: int) -> FloatArray | None:
         """Point of the core at one of the minima at the state in ``data``, in the world, (3,), m; None if there is none."""
-        for _, angle, place in self._at(data):
-            if angle == self._angles[slot]:
-                body = self._cone.body.id
-                return np.asarray(data.xpos[body] + data.xmat[body].reshape(3, 3) @ np.add(place, self._cone.apex))
-        return None
+        angles = [angle for _, angle, _ in self._at(data)]
+        angle = self._angles[slot]
+        return self.places(data)[angles.index(angle)] if angle in angles else None
+
+    def places(self, data: Any) -> list[FloatArray]:
+        """Points of the core at all minima, the lowest first, in the world, (3,), m."""
+        body, apex = self._cone.body.id, self._cone.apex
+        axes = data.xmat[body].reshape(3, 3)
+        return [np.asarray(data.xpos[body] + axes @ np.add(place, apex)) for _, _, place in self._at(data)]
 
     def angle(self, data: Any, slot: int) -> float:
         """Angle of one of the minima at the state in ``data``, rad; NaN if there is none."""
         self._at(data)
         return float(self._angles[slot])
-
-    def least(self, data: Any) -> float:
-        """Least distance at the state in ``data``, m: a minimum that appears later appears above it."""
-        return min((distance for distance, _, _ in self._at(data)), default=0.0)
 
     def _at(self, data: Any) -> list[tuple[float, float, Vector]]:
         """Distance in m, angle in rad and point of the lowest minima, axes of the cone about its apex."""

@@ -11,10 +11,11 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
-from ffsm_mj.assembly.notes import contact_notes
+from ffsm_mj.assembly.notes import contact_notes, initial_scene
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
+from ffsm_mj.log.drawing import shapes
 from tests.contact.test_half_space import GEOMS
 from tests.replays import assert_passes, assert_replayed
 from tests.scenes import HEAD, ball, box, scene
@@ -444,3 +445,35 @@ def test_names_of_a_cone_in_rules(tmp_path):
         assembly = prepare(path).assemble()
         assert [pair.name for pair in assembly.pairs] == names
         assert not any("cone" in line for line in contact_notes(assembly.contacts, assembly.system))
+
+
+def test_a_plane_meets_no_cone(tmp_path):
+    """By default, of a robot that has one, over the ground."""
+    ground = f'<mujoco>{HEAD}<worldbody><geom name="g" type="plane" size="0 0 1"/></worldbody></mujoco>'
+    start = {"joints": {"robot/free": [0, 0, 1, 1, 0, 0, 0]}}
+    path = scene(tmp_path, ball("ball"), {"ground": ground}, fixed={"ground": {}}, initial=start)
+    data = json.loads(path.read_text())
+    data["robot"]["cones"] = [FUNNEL | {"body": "ball"}]
+    del data["contacts"]
+    path.write_text(json.dumps(data))
+    assert [str(pair) for pair in prepare(path).assemble().pairs] == ["robot/ball - ground/g"]
+    data["contacts"] = {"rules": [{"between": ["robot/cone", "ground/g"]}]}
+    path.write_text(json.dumps(data))
+    with pytest.raises(InputError, match="geom 'ground/g' is no convex shape that fits inside a cone"):
+        prepare(path)
+
+
+def test_the_scene_of_a_viewer_has_the_gaps(tmp_path):
+    """The signed distance and the nearest points of the pair, not those of the mesh that is drawn."""
+    start = {"joints": {"robot/free": [*placed(0.5, 0.2), 1, 0, 0, 0]}}
+    assembly = prepare(in_funnel(tmp_path, ball("ball", radius=R), initial=start)).assemble()
+    pair = next(pair for pair in initial_scene(assembly, []).pairs if "cone" in pair.name)
+    gap, ends = pair.nearest
+    assert gap == pytest.approx(0.2, abs=1e-14)
+    assert ends == pytest.approx(np.stack((placed(0.5, 0.2) - 0.3 * INWARD, placed(0.5, 0.2) - R * INWARD)), abs=1e-14)
+    (drawn,) = (shape for shape in shapes(assembly.system) if shape.name == "cone")
+    turn = np.empty(9)
+    mujoco.mju_quat2Mat(turn, drawn.quaternion)
+    corners = drawn.vertices @ turn.reshape(3, 3).T + drawn.position
+    assert np.hypot(corners[:, 0], corners[:, 1]) * COSINE == pytest.approx(corners[:, 2] * SINE, abs=1e-6)
+    assert corners[:, 2].max() == pytest.approx(2.0, abs=1e-6)

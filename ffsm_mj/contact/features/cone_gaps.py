@@ -198,7 +198,7 @@ class RoundOnCone(GapFunction):
             arm = core.extreme(second, against)
             stiff = dot(around, core.extreme_rate(second, against, around))
             offset = minus(shifted(second.origin, 1.0, arm), apex)
-            # Downhill, whatever the curvature: where a trial step has left no minimum, the next one is that of the other side.
+            # Downhill, whatever the curvature: where a trial step has left no minimum, that of the other side is next.
             curved = abs(dot(first.turned(outward), offset) - cone.cosine * stiff)
             step = dot(around, offset) / max(curved, _FLATTEST_M)
             self._angle += max(-_LONGEST_TURN, min(_LONGEST_TURN, step))

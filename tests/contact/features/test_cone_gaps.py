@@ -222,3 +222,19 @@ def test_the_angle_of_a_feature(tmp_path, rng):
                 again = StoredFeatures(model).from_plain(from_bytes(stored))
             differ += evaluated(again, model, data, start, velocity) != expected
     assert differ
+
+
+def test_a_gap_falls_no_faster_than_its_bound(tmp_path):
+    """Also where a minimum comes or goes: both pairs have the least distance of the rim. Bounds change by 2 % in a step."""
+    pairs, model, data = pairs_in_cone(tmp_path, shape("cylinder"), True)
+    tilted(data, 0.4)
+    data.qvel[:] = [0, 0, 0, 0, 0, 0, 0.05, -0.1, 0.02, 2.0, 1.5, -1.0]
+    gaps, bounds, absent, step = [], [], [], 1e-3
+    for _ in range(600):
+        mujoco.mj_integratePos(model, data.qpos, data.qvel, step)
+        moved(model, data)
+        gaps.append([pair.gap(model, data, 10.0) for pair in pairs])
+        absent.append([pair._place(data) is None for pair in pairs])
+        bounds.append([pair.closing_speed_bound(data) for pair in pairs])
+    assert (np.diff(np.array(absent).astype(int), axis=0) < 0).any()  # one appears
+    assert (np.diff(gaps, axis=0) >= -1.02 * step * np.array(bounds[1:])).all()
