@@ -450,12 +450,15 @@ def _unbounded(system: System, data: Any, contacts: Contacts) -> Iterator[tuple[
 
 
 def overlapping(system: System, data: Any, contacts: Contacts) -> Iterator[tuple[ContactPair, str]]:
-    """Pairs that overlap at a state, kinematics current, each with a message."""
+    """Pairs that overlap at a state, kinematics current, each with a message; the deepest one of two geoms."""
+    deepest: dict[frozenset[int], tuple[float, ContactPair]] = {}
     for i in BroadPhase(system.mj, contacts.pairs).within(data, 0.0):
         pair = contacts.pairs[i]
         # Queries of parts of meshes are of single precision: the support functions say what an overlap is.
         gap = pair.gap(system.mj, data)
         gap = gap if gap >= -CONTACT_GAP_M else min(near.gap for near in pair.proximities(system.mj, data))
-        if gap < -CONTACT_GAP_M:
-            message = f"{pair.geom_a} and {pair.geom_b} overlap by {-gap:.6g} m at the start"
-            yield pair, f"{message}; move one of them, or list them in contacts.ignored"
+        if gap < -CONTACT_GAP_M and (pair.geom_ids not in deepest or gap < deepest[pair.geom_ids][0]):
+            deepest[pair.geom_ids] = gap, pair
+    for gap, pair in deepest.values():
+        message = f"{pair.geom_a} and {pair.geom_b} overlap by {-gap:.6g} m at the start"
+        yield pair, f"{message}; move one of them, or list them in contacts.ignored"

@@ -22,7 +22,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.cone_rounds import SLOTS, NearestGenerators, RoundCore
 from ffsm_mj.contact.features.body_motion import Body
-from ffsm_mj.contact.features.cone_gaps import Cone, ConePart, Meridian, PointOnCone, RoundOnCone, curvature_margin
+from ffsm_mj.contact.features.cone_gaps import ALIKE, Cone, ConePart, Meridian, PointOnCone, RoundOnCone, curvature_margin
 from ffsm_mj.contact.features.cores import Circle, Ellipsoid, Point
 from ffsm_mj.contact.features.gap_function import GapFunction
 from ffsm_mj.contact.pairs import ContactPair, gap_rounding
@@ -40,6 +40,8 @@ _ALL_ROUND_M = 4.0 * CONTACT_GAP_M
 
 It is twice the distance from the axis times the cosine of the half angle; a feature ends a little before.
 """
+_LEVEL = 1e-6
+"""Share by which curvatures of a rim and the cone differ, at most, where it touches all round: there is no one normal."""
 _GEOM = mujoco.mjtGeom
 _NO_CONE = np.empty((0, 3))
 
@@ -348,16 +350,39 @@ class RoundConePair(ConePair):
     def _place(self, data: Any) -> FloatArray | None:
         return self._generators.place(data, self.slot)
 
+    def recall(self, data: Any, point: FloatArray) -> None:
+        """Take a logged contact point as its own: that pair of the two has it that had it in the run."""
+        if point.shape == (3,) and np.isfinite(point).all():  # a log may be of unknown origin
+            self._generators.recall(data, self.slot, point)
+
     def _touches_round(self, model: Any, data: Any, rho: float) -> bool:
-        angle = self._generators.angle(data, self.slot)
-        axes = data.xmat[self._cone.body.id].reshape(3, 3)
-        outward = axes @ self._cone.outward(angle)
+        return self._margin(model, data, rho, _LEVEL) < 0.0 or super()._touches_round(model, data, rho)
+
+    def _margin(self, model: Any, data: Any, rho: float, share: float) -> float:
+        """See :func:`~ffsm_mj.contact.features.cone_gaps.curvature_margin`."""
+        outward = data.xmat[self._cone.body.id].reshape(3, 3) @ self._cone.outward(self._generators.angle(data, self.slot))
         around, inward = (
             np.cross(self._axis(data), outward),
             self._cone.sine * self._axis(data) - self._cone.cosine * outward,
         )
         stiff = float(around @ self._curvature_radii(model, data, -inward) @ around)
-        return curvature_margin(self._cone, rho, stiff) < -0.5 * FEATURE_BOUND_M or super()._touches_round(model, data, rho)
+        return curvature_margin(self._cone, rho, stiff, share)
+
+    def features_at(self, model: Any, data: Any) -> list[GapFunction]:
+        """The contact feature at the state in ``data``.
+
+        Raises:
+            RunEnded: The rim or ellipsoid is curved nearly as the cone is: it would touch along more than a point.
+        """
+        place = self._place(data)
+        if place is not None:
+            gap, rho, _, _ = self._seen(data, place)
+            if abs(gap) <= CONTACT_GAP_M and self._margin(model, data, rho, ALIKE) < -0.5 * FEATURE_BOUND_M:
+                message = (
+                    f"{self} stay in contact at t = {data.time:.6g} s where the {self._contact.name} is curved as the cone"
+                )
+                raise RunEnded(Outcome.UNSUPPORTED_CONTACT, f"{message}: it touches along more than a point")
+        return super().features_at(model, data)
 
     def _curvature_radii(self, model: Any, data: Any, direction: FloatArray) -> FloatArray:
         return Shape(model, data, self._geom).radii(direction)

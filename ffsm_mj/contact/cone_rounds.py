@@ -83,6 +83,13 @@ class NearestGenerators(Stateful):
         axes = data.xmat[body].reshape(3, 3)
         return [np.asarray(data.xpos[body] + axes @ np.add(place, apex)) for _, _, place in self._at(data)]
 
+    def recall(self, data: Any, slot: int, point: FloatArray) -> None:
+        """Give a slot the minimum that is nearest to a point in the world, at the state in ``data``."""
+        places = [math.dist(place, point) for place in self.places(data)]
+        if places:
+            holder = int(np.flatnonzero(self._angles == self._at(data)[int(np.argmin(places))][1])[0])
+            self._angles[[slot, holder]] = self._angles[[holder, slot]]
+
     def angle(self, data: Any, slot: int) -> float:
         """Angle of one of the minima at the state in ``data``, rad; NaN if there is none."""
         self._at(data)
@@ -107,6 +114,7 @@ class NearestGenerators(Stateful):
         """Distance, angle and point of each local minimum."""
         distances = self._normals @ centre - np.sqrt((self._normals @ axes) ** 2 @ self._core.squares)
         low = (distances <= np.roll(distances, 1)) & (distances < np.roll(distances, -1))
+        low[np.argmin(distances)] |= not low.any()  # level to the last bit, as a rim in its place
         middle, columns = tuple(centre.tolist()), [tuple(column) for column in axes.T.tolist()]
         for angle in self._grid[low].tolist():
             yield self._refined(middle, columns, angle)

@@ -231,6 +231,9 @@ class ContactPair(Stateful):
         shapes = self.shapes(model, data)
         return separation(*shapes, self._search.normal(model, data, shapes).normal)
 
+    def recall(self, data: Any, point: FloatArray) -> None:
+        """Take a logged contact point as its own at the state in ``data``, where earlier states say which one it is."""
+
     def closing_speed_bound(self, data: Any) -> float:
         """Bound on the closing speed for the velocities in ``data``, m/s."""
         return self._bound.closing_speed(data)

@@ -230,6 +230,33 @@ def test_the_apex_ends_the_run(tmp_path, restitution):
     assert [check for check in all_checks(run) if not check.passes] == []
 
 
+@pytest.mark.parametrize("tilt", [0.0, 1e-7])
+def test_a_level_rim_ends_the_run(tmp_path, tilt):
+    """A cylinder that goes down along the axis touches with its whole rim, be it level to the last bit or nearly."""
+    pin = ball("pin").replace('type="sphere" size="0.1"', 'type="cylinder" size="0.1 0.2"')
+    turn = [math.cos(tilt / 2), math.sin(tilt / 2), 0, 0]
+    start = {"joints": {"robot/free": [0, 0, 1.0, *turn]}, "rates": {"robot/free": [0, 0, -0.8, 0, 0, 0]}}
+    run = ffsm_mj.run(in_funnel(tmp_path, pin, restitution=0.5, initial=start))
+    assert run.outcome == "unsupported_contact"
+    assert "touch all round the axis" in run.message
+    time = (1.0 - 0.2 - 0.1 * COSINE / SINE) / 0.8
+    assert float(run.message.split("t = ")[1].split()[0]) == pytest.approx(time, rel=1e-5)
+
+
+def test_a_rim_that_is_curved_as_the_cone_ends_the_run(tmp_path):
+    """Tilted by the half angle, a cylinder on the axis has its side in line with a generator, curved as the cone there."""
+    pin = ball("pin").replace('type="sphere" size="0.1"', 'type="cylinder" size="0.1 0.2"')
+    tilt = ALPHA + 1e-3
+    turn = [math.cos(tilt / 2), 0, math.sin(tilt / 2), 0]
+    along = np.array([math.sin(tilt), 0, math.cos(tilt)])
+    start = {
+        "joints": {"robot/free": [*(0.2 * along + np.array([0, 0, 0.6])), *turn]},
+        "rates": {"robot/free": [0, 0, -0.6, 0, 0, 0]},
+    }
+    run = ffsm_mj.run(in_funnel(tmp_path, pin, initial=start, duration_s=1.5))
+    assert run.outcome == "unsupported_contact", run.message
+
+
 def test_a_corner_slides_out_over_the_mouth(tmp_path):
     """Its contact ends there, and nothing acts on it any more."""
     lone = box("box", half=(0.1, 0.1, 0.1))

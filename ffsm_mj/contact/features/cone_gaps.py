@@ -101,8 +101,11 @@ _LONGEST_TURN = 0.3
 """Longest Newton step, rad."""
 _FLATTEST_M = 1e-9
 """Least curvature by which a Newton step is divided, m; contact ends a run before it is so flat."""
-_ALIKE = 1e-6
-"""Share of the distance from the axis to which radii of curvature must differ: the contact travels at the inverse."""
+ALIKE = 0.02
+"""Share of the distance from the axis by which curvatures must differ in persistent contact.
+
+The contact travels, and forces grow, at its inverse; two contacts that come together there are 10 degrees apart.
+"""
 _NO_AXIS = 1e-300
 """Distance from the axis in m that stands for zero where it divides: contact there ends a run before it counts."""
 
@@ -207,8 +210,8 @@ class RoundOnCone(GapFunction):
         return outward, arm, stiff
 
 
-def curvature_margin(cone: Cone, rho: float, stiff: float) -> float:
-    """Length by which the surface of a body is curved more, round the axis, than the cone is, less a millionth; m.
+def curvature_margin(cone: Cone, rho: float, stiff: float, share: float = ALIKE) -> float:
+    """Length by which a body is curved more, round the axis, than the cone is, less a share of the distance from it; m.
 
     At zero they touch along more than a point, as a rim does all round where it is level.
 
@@ -216,8 +219,9 @@ def curvature_margin(cone: Cone, rho: float, stiff: float) -> float:
         cone: The cone.
         rho: Distance of the contact from the axis, m.
         stiff: Radius of curvature of the body there round the axis, m.
+        share: The share.
     """
-    return rho - cone.cosine * stiff - _ALIKE * rho
+    return rho - cone.cosine * stiff - share * rho
 
 
 def from_axis(cone: Cone, local: Vector) -> tuple[float, float, Vector]:

@@ -33,6 +33,7 @@ from ffsm_mj.contact_models.impact.resolution import (
     PersistentContacts,
     as_contact,
     contact_points,
+    recall_points,
     resolve,
 )
 from ffsm_mj.contact_models.impact.rest_rule import RestingResult, RestRule, resolve_resting
@@ -305,6 +306,7 @@ class ImpactModel(Stateful, Detector):
 
     def replay(self, event: LoggedEvent) -> EventEffect:
         """Resolve an impact again at its logged state, for comparison; the exchange is that of the logged impact."""
+        recall_points(self._geoms, event.records, self.scene.data)
         logged = logged_impact(self.scene, event, self._by_name)
         exchange = self.exchange(impact_energies(self.scene.system, self.scene.data, logged), logged)
         records, *varied = self._resolved_again(event)

@@ -16,7 +16,7 @@ Impacts with friction: normal and tangent rows of every contact are passed to an
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple, Protocol
 
@@ -26,7 +26,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.broad_phase import BroadPhase
 from ffsm_mj.contact.joint_limit import TendonLimit
-from ffsm_mj.contact.pairs import UnilateralConstraint
+from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.friction.result import tangents
 from ffsm_mj.contact_models.impact.law import ImpactLaw, ImpactProblem, friction_of, impact_law, impact_laws, solve_impact
@@ -154,6 +154,13 @@ def as_contact(
         row = pair.row(motion.model, motion.data, motion.dofs).tolist() if isinstance(pair, TendonLimit) else ()
         return LimitContact(motion.dofs[pair.dof], pair.sign, restitution, tuple(row))
     return Contact(motion.bodies[pair.body_a], motion.bodies[pair.body_b], point, near.normal, restitution, pair.mu)
+
+
+def recall_points(pairs: Mapping[str, ContactPair], records: Sequence[Any], data: Any) -> None:
+    """Let pairs take the contact points of logged records as theirs, at the state in ``data``; pairs by name."""
+    for record in records:
+        if (pair := pairs.get(getattr(record, "pair", ""))) is not None:
+            pair.recall(data, np.array(record.point_m))
 
 
 class PersistentContacts(Protocol):

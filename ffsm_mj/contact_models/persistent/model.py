@@ -29,7 +29,7 @@ from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint, by_kind
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.columns import DeepestOverlap, FrictionHeat
 from ffsm_mj.contact_models.impact.friction.result import tangents
-from ffsm_mj.contact_models.impact.resolution import ClosedPairs, closed_pairs
+from ffsm_mj.contact_models.impact.resolution import ClosedPairs, closed_pairs, recall_points
 from ffsm_mj.contact_models.interface import (
     EventEffect,
     EventSource,
@@ -348,6 +348,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
 
     def replay(self, event: LoggedEvent) -> EventEffect | None:
         """Reproduce a logged event in the modes before it."""
+        recall_points({pair.name: pair for pair in by_kind(self._pairs)[0]}, event.records, self.scene.data)
         self._changes.restore_before(event)
         # Before the event is applied: afterwards the modes, and the forces before it, are gone.
         accuracy = RecordAccuracy(self._closed)
