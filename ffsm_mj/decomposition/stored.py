@@ -29,6 +29,8 @@ _FORMAT = "ffsm-mj pieces 1"
 _VERSIONS = {"planes": "1", "prisms": "1"}
 """Versions of the methods of this package: a change of the result of one is a new one."""
 _MOST_PIECES = 100_000
+_SHORT = 16
+"""Digits of a key in names of files and in lines."""
 _UNIT = 1e-9
 """Greatest deviation of the length of a normal from 1."""
 _READABLE = 0o644
@@ -77,7 +79,7 @@ class Request:
 
     def name(self, version: str) -> str:
         """Name of the file beside the model."""
-        return f"{self.stem}{self.key(version)[:16]}.json"
+        return f"{self.stem}{self.key(version)[:_SHORT]}.json"
 
     @property
     def stem(self) -> str:
@@ -112,12 +114,14 @@ class Decomposition:
     @property
     def sentence(self) -> str:
         """The decomposition in words."""
-        count = f"{len(self.pieces)} piece{'s' * (len(self.pieces) != 1)}"
+        which = f"{len(self.pieces)} piece{'s' * (len(self.pieces) != 1)} by {self.method} {self.version}"
+        key = f"; sha256 {self.sha256[:_SHORT]}"
         if self.method == "prisms":
-            return f"{count} by prisms {self.version}"
+            return which + key
+        tolerance = "" if self.tolerance_m is None else f", tolerance {self.tolerance_m:g} m"
         return (
-            f"{count} by {self.method} {self.version}, at least {1e3 * self.outside_m:.3g} mm outside the mesh and "
-            f"{1e3 * self.uncovered_m:.3g} mm of it not covered{', faces turned outwards' if self.turned else ''}"
+            f"{which}, at least {1e3 * self.outside_m:.3g} mm outside the mesh and {1e3 * self.uncovered_m:.3g} mm of it "
+            f"not covered{tolerance}{', faces turned outwards' if self.turned else ''}{key}"
         )
 
 
