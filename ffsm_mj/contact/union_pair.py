@@ -32,7 +32,7 @@ from ffsm_mj.contact.shape import Shape
 from ffsm_mj.contact.sides import Piece, Side
 from ffsm_mj.model.system import System
 from ffsm_mj.state import StateError, entries
-from ffsm_mj.tolerances import CLOSED_RATE, CONTACT_GAP_M, DISTANCE_QUERY_M, RATE
+from ffsm_mj.tolerances import CLOSED_RATE, CONTACT_GAP_M, DISTANCE_QUERY_M, PARALLEL, RATE
 
 _AT_POINT_M = 2.0 * CONTACT_GAP_M
 """Pieces within this of a contact point meet there: the point is midway of a gap of CONTACT_GAP_M, on faces that the
@@ -363,7 +363,8 @@ class UnionPair(ContactPair):
             yield near.normal, pair
             return
         if pair.is_curved and (level := _levelled(pair, near.normal, a, b)) is not None:
-            yield level, pair
+            if not _crosses_seam(pair.shapes(model, data), point, level, (a, b)):
+                yield level, pair
             return
         clauses = {(one, other): separating_normals(a[one], b[other]) for one in a for other in b}
         # Surfaces that overlap by rounding have no normal that parts them: the other pieces there decide.
@@ -447,6 +448,22 @@ def _owner(near: Proximity, point: FloatArray) -> PiecePair:
     """The pair of pieces at a point of a patch."""
     assert isinstance(near, UnionProximity)
     return near.owners[min(range(len(near.points)), key=lambda i: math.dist(near.points[i], point))]
+
+
+def _crosses_seam(
+    shapes: tuple[Shape, Shape],
+    point: FloatArray,
+    normal: FloatArray,
+    there: tuple[Mapping[Piece, FloatArray], Mapping[Piece, FloatArray]],
+) -> bool:
+    """Whether a point is there only because a rim crosses the seam of two faces in one plane: it would share the load."""
+    for k, sense in ((0, 1.0), (1, -1.0)):
+        outward = sense * normal
+        level = [any(math.dist(one, outward) <= _ONE_NORMAL for one in normals) for normals in there[k].values()]
+        if sum(level) > 1:
+            corners = shapes[1 - k].extreme(-outward, PARALLEL, CONTACT_GAP_M)
+            return float(np.linalg.norm(corners - point, axis=1).min()) > _AT_POINT_M
+    return False
 
 
 @dataclass
