@@ -1,0 +1,87 @@
+"""A random scene on pieces against the same body on the whole box, and on the same pieces once more cut."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import ffsm_mj
+from ffsm_mj.analysis.run_models import all_checks
+from ffsm_mj.replay import explain, replay_log
+from ffsm_mj.replay.truncation import AnalysisLimits
+from tests.contact.unions.drawing import draw
+from tests.contact.unions.scenes import differences, text_of
+from tests.replays import assert_replayed
+
+OF_CUTS, OF_ORDER = 1e-9, 1e-12
+"""Tolerances of what differs from the run on the whole box, and from that on other pieces of the same planes.
+
+Planes of pieces are those of the file, sums of sizes and places with an error of 1e-17 m. An impact amplifies it by the
+lever arm over the gap at which two of its contacts are told apart; a bounce or so passes it on.
+"""
+
+
+@dataclass
+class Verdict:
+    """What became of a seed.
+
+    Attributes:
+        name: What the scene is.
+        faults: What is wrong on pieces; empty if nothing is.
+        of_whole: What is wrong on the whole box, if anything is wrong on pieces: it is no matter of unions.
+        text: The files of the scene on pieces.
+    """
+
+    name: str
+    faults: list[str] = field(default_factory=list)
+    of_whole: list[str] = field(default_factory=list)
+    text: str = ""
+
+    def __str__(self) -> str:
+        return "\n  ".join((self.name, *self.of_whole, *self.faults))
+
+
+def wrong(run: Any) -> list[str]:
+    """Checks of a run that fail, other than by truncation of its steps alone, and what its log replay says differently."""
+    found = [] if run.outcome == "completed" else [f"{run.outcome}: {run.message}"]
+    again = replay_log(run.log)
+    if again.obstacle:
+        found.append(f"replay: {again.obstacle}")
+    for worst in again.worst.values():
+        if not worst.passes:
+            size = f"{worst.size:.1e} of {worst.allowed:.1e} {worst.unit}, at {worst.time_s:g} s"
+            found.append(f"replay: {worst.what} ({size})")
+    for what, checks in (("run", all_checks(run)), ("replay", again.checks())):
+        passes = all(check.passes for check in checks)
+        for check in () if passes else explain(run, checks, limits=AnalysisLimits()).checks:
+            if not (check.passes or check.fails_by_truncation):
+                size = f"{check.residual:.1e} of {check.tolerance:.1e} {check.unit}, at {check.time_s:g} s"
+                found.append(f"{what}: {check.name} of {check.subsystem} ({size})")
+    return found
+
+
+def sound(run: Any) -> Any:
+    """A run that ran to its end, whose checks pass, and whose log replay agrees, for those tests that are replayed."""
+    faults = [f"{run.outcome}: {run.message}"] if run.outcome != "completed" else []
+    faults += [f"{check.name} of {check.subsystem}: {check.residual:.1e}" for check in all_checks(run) if not check.passes]
+    assert not faults, "\n".join(faults)
+    assert_replayed(run)
+    return run
+
+
+def judge(seed: int) -> Verdict:
+    """Run the scene of a seed on the whole box, on its pieces and on other pieces."""
+    drawn = draw(seed)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        paths = drawn.on_whole(folder / "whole"), drawn.on_pieces(folder / "pieces"), drawn.on_other_pieces(folder / "other")
+        whole, pieces, other = map(ffsm_mj.run, paths)
+        faults = [f"pieces: {fault}" for fault in wrong(pieces)]
+        # A whole box on which the run ends early or fails a check says the same on pieces, and nothing of them.
+        of_whole = [f"whole: {fault}" for fault in wrong(whole)] if faults else []
+        faults = [] if of_whole else faults
+        faults += [f"pieces, not whole: {line}" for line in differences(whole, pieces, OF_CUTS)]
+        faults += [f"other pieces: {line}" for line in differences(pieces, other, OF_ORDER)]
+        return Verdict(drawn.name, faults, of_whole, text_of(paths[1]))

@@ -1,0 +1,187 @@
+"""Bodies on fixed bodies of several pieces: models, scenarios, and how two runs of the same motion are compared."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, fields
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tests.random_scenes.dice import numbers
+from tests.scenes import scene
+
+GRAVITY = '<option gravity="0 0 -9.81"/>'
+NAMES = ("pair", "geoms", "robot_geom", "object_geom", "closed_pairs")
+"""Fields of records that name pieces: nothing else may depend on them."""
+
+Box = tuple[tuple[float, float, float], tuple[float, float, float]]
+"""Lower and upper corner, m, axes of the body."""
+
+
+def geoms(boxes: Iterable[Box], name: str = "b") -> str:
+    """Boxes as geoms of one body, ``b0``, ``b1`` and so on."""
+    texts = []
+    for number, (lower, upper) in enumerate(np.asarray(tuple(boxes), dtype=float)):
+        size, place = numbers((upper - lower) / 2.0), numbers((upper + lower) / 2.0)
+        texts.append(f'<geom name="{name}{number}" type="box" size="{size}" pos="{place}" mass="0"/>')
+    return "".join(texts)
+
+
+def fixed(inner: str, assets: str = "", gravity: str = GRAVITY) -> str:
+    """A model whose geoms belong to the world."""
+    return f"<mujoco>{gravity}<asset>{assets}</asset><worldbody>{inner}</worldbody></mujoco>"
+
+
+def free(
+    inner: str,
+    *,
+    name: str = "body",
+    mass: float = 2.0,
+    inertia: Sequence[float] = (0.008, 0.008, 0.008),
+    joint: str = '<freejoint name="free"/>',
+    assets: str = "",
+    gravity: str = GRAVITY,
+) -> str:
+    """A model of one body that floats, with these geoms."""
+    return f"""<mujoco>{gravity}<asset>{assets}</asset><worldbody><body name="{name}">{joint}
+      <inertial pos="0 0 0" mass="{mass}" diaginertia="{numbers(inertia)}"/>{inner}</body></worldbody></mujoco>"""
+
+
+def on(
+    folder: Path,
+    body: str,
+    floor: str,
+    *,
+    joints: Sequence[float],
+    rates: Sequence[float] = (0.0,) * 6,
+    restitution: float = 0.0,
+    mu: float = 0.0,
+    pose: dict[str, Any] | None = None,
+    **scenario: Any,
+) -> Path:
+    """A free body, the robot, on a fixed one under gravity, for 1 s by steps of 2 ms; the rule of the contact is ``hit``."""
+    folder.mkdir(exist_ok=True)
+    contacts = {"rules": [{"name": "hit", "between": ["robot", "floor"], "restitution": restitution, "mu": mu}]}
+    return scene(
+        folder,
+        body,
+        {"floor": floor},
+        fixed={"floor": pose or {}},
+        **{
+            "time_step_s": 2e-3,
+            "control_period_s": 2e-3,
+            "conservative": False,
+            "initial": {"joints": {"free": [*map(float, joints)]}, "rates": {"free": [*map(float, rates)]}},
+            "contacts": contacts,
+            **scenario,
+        },
+    )
+
+
+def text_of(path: Path) -> str:
+    """All files of a scene, to run it by hand."""
+    return "\n".join(f"--- {file.name}\n{file.read_text()}" for file in sorted(path.parent.iterdir()) if file.is_file())
+
+
+@dataclass(frozen=True)
+class Event:
+    """A record without the names of pieces.
+
+    Attributes:
+        kind: Its kind.
+        texts: Its texts, by field.
+        values: Its numbers, by field.
+    """
+
+    kind: str
+    texts: tuple[tuple[str, str], ...]
+    values: dict[str, np.ndarray]
+
+    @property
+    def order(self) -> tuple[Any, ...]:
+        """Where it stands among the records of its instant: contacts of one instant have no order."""
+        return self.kind, self.texts, *np.round(self.values["point_m"], 6), *np.round(self.values["normal"], 6)
+
+
+def events_of(run: Any) -> list[Event]:
+    """All events of a run, those of one instant in an order that names do not change."""
+    ordered = []
+    for _, group in groupby(run.log.events, key=lambda record: (type(record), getattr(record, "event", None))):
+        ordered += sorted(filter(None, map(_event, group)), key=lambda event: event.order)
+    return ordered
+
+
+def _event(record: Any) -> Event | None:
+    """An event of a contact; None for others, such as the beginnings of phases."""
+    if not hasattr(record, "normal"):
+        return None
+    texts, values = [], {}
+    for field in fields(record):
+        value = getattr(record, field.name)
+        if field.name in NAMES or field.name == "event":
+            continue
+        if isinstance(value, str):
+            texts.append((field.name, value))
+        elif isinstance(value, dict):
+            values[field.name] = np.array([number for name in sorted(value) for number in np.atleast_1d(value[name])])
+        else:
+            values[field.name] = np.atleast_1d(np.asarray(value, dtype=float))
+    return Event(type(record).__name__, tuple(texts), values)
+
+
+def differences(run: Any, other: Any, tolerance: float) -> Iterator[str]:
+    """What two runs say differently beyond ``tolerance`` (1 + size), names of pieces aside; the first ten of each sort."""
+    if run.outcome != other.outcome:
+        yield f"{other.outcome} ({other.message}), was {run.outcome} ({run.message})"
+    ours, theirs = events_of(run), events_of(other)
+    kinds, other_kinds = ([_said(event) for event in events] for events in (ours, theirs))
+    if kinds != other_kinds:
+        apart = (i for i, (a, b) in enumerate(zip(kinds, other_kinds, strict=False)) if a != b)
+        at = next(apart, min(len(ours), len(theirs)))
+        said, was = (" ".join(map(str, k[at : at + 3])) or "none" for k in (other_kinds, kinds))
+        yield f"{len(theirs)} events, were {len(ours)}; from event {at + 1} on: {said}; were: {was}"
+    else:
+        yield from _wrong_numbers(ours, theirs, tolerance)
+    yield from _wrong_columns(run, other, tolerance)
+
+
+def _said(event: Event) -> str:
+    return f"{event.kind} at {event.values['time_s'][0]:.6f} s " + " ".join(text for _, text in event.texts)
+
+
+def _wrong_numbers(ours: Sequence[Event], theirs: Sequence[Event], tolerance: float) -> Iterator[str]:
+    lines = []
+    for event, other in zip(ours, theirs, strict=True):
+        for name, value in event.values.items():
+            again = other.values[name]
+            if value.shape != again.shape:
+                lines.append(f"{_said(event)}: {name} has {again.size} numbers, had {value.size}")
+            elif (size := _apart(value, again)) > tolerance:
+                lines.append(f"{_said(event)}: {name} off by {size:.1e}")
+    yield from lines[:10]
+
+
+def _apart(value: np.ndarray, again: np.ndarray) -> float:
+    """Largest difference over 1 + size; numbers that are missing in both are equal, in one infinitely apart."""
+    apart = np.where(np.isnan(value) & np.isnan(again), 0.0, np.abs(value - again))
+    scale = 1.0 + float(np.nanmax(np.abs(value), initial=0.0))
+    return float(np.max(np.nan_to_num(apart, nan=np.inf), initial=0.0)) / scale
+
+
+def _wrong_columns(run: Any, other: Any, tolerance: float) -> Iterator[str]:
+    lines = []
+    if len(run.time) != len(other.time):
+        yield f"{len(other.time)} rows, were {len(run.time)}"
+        return
+    for key in run.keys:
+        if not key.startswith(("state.", "contact.", "energy.", "momentum.")) or key not in other.keys:
+            continue
+        values, again = (np.asarray(either[key], dtype=float) for either in (run, other))
+        rows = [_apart(a, b) for a, b in zip(values[:, None], again[:, None], strict=True)]
+        if (worst := int(np.argmax(rows))) is not None and rows[worst] > tolerance:
+            first = int(np.argmax(np.array(rows) > tolerance))
+            lines.append(f"{key} off by {rows[worst]:.1e} at {run.time[worst]:g} s, first at {run.time[first]:g} s")
+    yield from lines[:10]

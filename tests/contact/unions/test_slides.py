@@ -1,0 +1,86 @@
+"""A box or a sphere crosses the seam of two coplanar boxes: its motion is that on the whole box, and the closed form."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import ffsm_mj
+from tests.contact.unions.judge import sound
+from tests.contact.unions.scenes import differences, fixed, free, geoms, on
+
+G_M_S2 = 9.81
+CUBE = free('<geom name="g" type="box" size=".1 .1 .1" mass="0"/>')
+BALL = free('<geom name="g" type="sphere" size=".1" mass="0"/>')
+HALVES = [((-1.0, -0.5, -0.1), (0.0, 0.5, 0.0)), ((0.0, -0.5, -0.1), (1.0, 0.5, 0.0))]
+WHOLE = [((-1.0, -0.5, -0.1), (1.0, 0.5, 0.0))]
+SAME = 1e-12
+"""What a seam may change: nothing but the order of sums; the greatest numbers are forces of 20 N and angular momenta."""
+
+
+def seen(folder, body, **keys):
+    """The run on two boxes, sound, which is that on one."""
+    whole = ffsm_mj.run(on(folder / "whole", body, fixed(geoms(WHOLE)), **keys))
+    run = sound(ffsm_mj.run(on(folder / "halves", body, fixed(geoms(HALVES)), **keys)))
+    assert [*differences(whole, run, SAME)] == []
+    return run
+
+
+def place(run, key="x_m"):
+    return run[f"state.q_robot_free_{key}"]
+
+
+def speed(run, key="vx_m_s"):
+    return run[f"state.v_robot_free_{key}"]
+
+
+def counted(run):
+    return len(run.impacts), len(run.records["contact_beginnings"]), len(run.records["contact_endings"])
+
+
+def test_a_box_slides_over_a_seam_without_friction(tmp_path):
+    """Case 1: 0.5 m/s for 1 s from -0.25 m: 0.25 m. Pair by pair the covered face stops it, at -0.2238 m."""
+    run = seen(tmp_path, CUBE, joints=[-0.25, 0, 0.1, 1, 0, 0, 0], rates=[0.5, 0, 0, 0, 0, 0])
+    assert counted(run) == (0, 1, 0)
+    assert place(run)[-1] == pytest.approx(0.25, abs=1e-12)
+
+
+def test_a_box_comes_to_rest_beyond_a_seam_by_friction(tmp_path):
+    """Case 2: v^2 / (2 mu g) further on, after v / (mu g)."""
+    run = seen(tmp_path, CUBE, joints=[-0.25, 0, 0.1, 1, 0, 0, 0], rates=[1, 0, 0, 0, 0, 0], mu=0.2)
+    assert counted(run) == (0, 1, 0)
+    assert place(run)[-1] == pytest.approx(-0.25 + 1.0 / (0.4 * G_M_S2), abs=1e-11)  # 0.004841997962
+    (sticks,) = run.records["contact_sticks"]
+    assert sticks.time_s == pytest.approx(1.0 / (0.2 * G_M_S2), abs=1e-11)  # 0.509684
+
+
+def test_a_turned_box_crosses_a_seam_corner_by_corner_with_friction(tmp_path):
+    """Case 3: x0 + v t - mu g t^2 / 2, v - mu g t. Pair by pair there are 58 impacts, and the balance leaks 9.9e-9 J."""
+    yaw = [math.cos(0.2), 0, 0, math.sin(0.2)]
+    run = seen(tmp_path, CUBE, joints=[-0.25, 0.01, 0.1, *yaw], rates=[1, 0, 0, 0, 0, 0], mu=0.1)
+    assert counted(run) == (0, 1, 0)
+    assert place(run)[-1] == pytest.approx(-0.25 + 1.0 - 0.05 * G_M_S2, abs=1e-11)  # 0.2595
+    assert speed(run)[-1] == pytest.approx(1.0 - 0.1 * G_M_S2, abs=1e-11)  # 0.019
+
+
+def test_a_sphere_that_begins_to_roll_crosses_a_seam(tmp_path):
+    """Case 4: it slips for 2 v / (7 mu g), then rolls at 5/7 v. A drift of 1e-12 m made an edge proud: two impacts."""
+    run = seen(tmp_path, BALL, joints=[-0.25, 0, 0.1, 1, 0, 0, 0], rates=[0.5, 0, 0, 0, 0, 0], mu=0.3)
+    assert counted(run) == (0, 1, 0)
+    slip_s = 1.0 / (7.0 * 0.3 * G_M_S2)
+    rolled_m = -0.25 + 0.5 * slip_s - 0.15 * G_M_S2 * slip_s**2 + 5.0 / 14.0 * (1.0 - slip_s)  # 0.110610095211
+    assert place(run)[-1] == pytest.approx(rolled_m, abs=1e-11)
+    assert speed(run)[-1] == pytest.approx(5.0 / 14.0, abs=1e-11)
+
+
+def test_a_box_bounces_on_a_seam(tmp_path):
+    """Case 5: four corners of each impact, pair by pair twice as many and those of the covered faces."""
+    run = seen(tmp_path, CUBE, joints=[0, 0, 0.2, 1, 0, 0, 0], restitution=0.5, duration_s=0.5)
+    assert len(run.impacts) == 28
+    assert all(impact.normal == pytest.approx((0.0, 0.0, -1.0), abs=1e-12) for impact in run.impacts)
+    # v0 / g, then bounces of half the time each.
+    first = math.sqrt(0.2 / G_M_S2)
+    times = sorted({round(impact.time_s, 9) for impact in run.impacts})
+    np.testing.assert_allclose(times, [first * (3.0 - 2.0 * 0.5**k) for k in range(len(times))], atol=1e-9)
