@@ -224,23 +224,40 @@ class ConePair(ContactPair):
         return self._gap(seen), rho, seen, outward
 
     def proximity(self, model: Any, data: Any) -> Proximity:
-        """Gap, normal, point and rate at the state in ``data``.
+        """Gap, normal, point and rate at the state in ``data``; where it touches all round, where it approaches fastest."""
+        return self.proximities(model, data)[0]
+
+    def proximities(self, model: Any, data: Any) -> tuple[Proximity, ...]:
+        """The same for each direction in which it touches: one, or four round the axis, the fastest approach first.
 
         Raises:
-            RunEnded: It touches the cone all round, where its normal is not defined.
+            RunEnded: A rim or an ellipsoid touches the cone all round.
         """
         place = self._place(data)
         if place is None:
-            return Proximity(FAR_M, np.eye(3)[0], data.geom_xpos[self._geom][None].copy(), np.zeros(1), 0.0, EPSILON)
+            return (Proximity(FAR_M, np.eye(3)[0], data.geom_xpos[self._geom][None].copy(), np.zeros(1), 0.0, EPSILON),)
         gap, rho, seen, outward = self._seen(data, place)
-        if abs(gap) <= CONTACT_GAP_M and self._touches_round(model, data, rho):
-            message = f"{self} touch all round the axis at t = {data.time:.6g} s, where the contact normal is not defined"
-            raise RunEnded(Outcome.UNSUPPORTED_CONTACT, f"{message}: end the phase before, or begin the cone at 'from_m'")
-        inward = self._inward(data, seen, outward)
+        if abs(gap) > CONTACT_GAP_M or not self._touches_round(model, data, rho):
+            return (self._along(data, place, gap, self._inward(data, seen, outward)),)
+        return tuple(self._along(data, place, gap, self._inward(data, seen, way)) for way in self._round(data, place))
+
+    def _along(self, data: Any, place: FloatArray, gap: float, inward: FloatArray) -> Proximity:
+        """Proximity of a place at a gap, with a normal to the inside."""
         normal = inward if self._on_a else -inward
         points = (place - (self._contact.radius + 0.5 * gap) * inward)[None]
         rates, tolerance = self._rates(data, normal, points)
         return Proximity(gap, normal, points, rates, tolerance, gap_rounding(points))
+
+    def _round(self, data: Any, place: FloatArray) -> list[FloatArray]:
+        """Directions from the axis in which a point on it touches: that of its motion, the opposite, and those between."""
+        axis = self._axis(data)
+        velocity = self.slip(data, axis, place) if self._on_a else -self.slip(data, axis, place)
+        speed = math.hypot(*velocity)
+        still = self._rates(data, axis, place[None])[1]
+        # Of a motion along the axis the direction across it is rounding: a fixed one repeats.
+        first = velocity / speed if speed > still else data.xmat[self._cone.body.id].reshape(3, 3) @ self._cone.outward(0.0)
+        second = np.cross(axis, first)
+        return [first, second, -first, -second]
 
     def _touches_round(self, model: Any, data: Any, rho: float) -> bool:  # noqa: ARG002
         """Whether a point in contact, at a distance from the axis in m, touches the opposite side too."""
@@ -266,8 +283,9 @@ class ConePair(ContactPair):
         """Second rate of the gap; the contact slides over the cone and over the geom, whose nearest point it is."""
         place = self._place(data)
         assert place is not None  # a pair with a proximity in contact has one
-        _, rho, seen, outward = self._seen(data, place)
+        _, rho, seen, _ = self._seen(data, place)
         inward = near.normal if self._on_a else -near.normal
+        outward = (inward - seen.normal[0] * self._axis(data)) / seen.normal[1]
         cone, foot = self._cone.body.id, place - seen.distance * inward
         of_cone, of_foot, of_place, on_geom = (
             point_motion(model, data, body, where)
@@ -280,7 +298,9 @@ class ConePair(ContactPair):
         )
         w = of_place.velocity - of_cone.velocity
         across, around = seen.normal[0] * outward - seen.normal[1] * self._axis(data), np.cross(self._axis(data), outward)
-        spun, bend = np.cross(of_cone.omega, inward), seen.normal[1] / rho
+        # On the axis the planes at the normals are what it touches.
+        bend = 0.0 if ConePair._touches_round(self, model, data, rho) else seen.normal[1] / rho
+        spun = np.cross(of_cone.omega, inward)
         radii = self._curvature_radii(model, data, -inward)
         rolling = spun - np.cross(of_place.omega, inward)
         moving = around @ (w - radii @ rolling) / (1.0 + bend * around @ radii @ around)
@@ -297,9 +317,22 @@ class ConePair(ContactPair):
         return np.zeros((3, 3))
 
     def features_at(self, model: Any, data: Any) -> list[GapFunction]:
-        """The contact feature at the state in ``data``; none where the point is out of the bounds of the surface."""
+        """The contact feature at the state in ``data``; none where the point is out of the bounds of the surface.
+
+        Raises:
+            RunEnded: It touches the cone all round.
+        """
         place = self._place(data)
+        if place is not None:
+            gap, rho, _, _ = self._seen(data, place)
+            if abs(gap) <= CONTACT_GAP_M and self._touches_round(model, data, rho):
+                raise self._refused(data)
         return _closed(self._candidates(model, data, place), data) if place is not None else []
+
+    def _refused(self, data: Any) -> RunEnded:
+        """The end of a run in which it touches all round."""
+        message = f"{self} touch all round the axis at t = {data.time:.6g} s, where the contact normal is not defined"
+        return RunEnded(Outcome.UNSUPPORTED_CONTACT, f"{message}: end the phase before, or begin the cone at 'from_m'")
 
     def _candidates(self, model: Any, data: Any, place: FloatArray) -> list[GapFunction]:
         """Features for each part of the cone, of a place in the world."""
@@ -354,6 +387,9 @@ class RoundConePair(ConePair):
         """Take a logged contact point as its own: that pair of the two has it that had it in the run."""
         if point.shape == (3,) and np.isfinite(point).all():  # a log may be of unknown origin
             self._generators.recall(data, self.slot, point)
+
+    def _round(self, data: Any, place: FloatArray) -> list[FloatArray]:  # noqa: ARG002
+        raise self._refused(data)
 
     def _touches_round(self, model: Any, data: Any, rho: float) -> bool:
         return self._margin(model, data, rho, _LEVEL) < 0.0 or super()._touches_round(model, data, rho)

@@ -214,20 +214,49 @@ def test_a_rod_lies_along_a_generator_on_both_ends(tmp_path):
     assert_replayed(run)
 
 
-@pytest.mark.parametrize("restitution", [0.0, 1.0])
-def test_the_apex_ends_the_run(tmp_path, restitution):
-    """A sphere that slides down a generator touches all round where its centre reaches the axis, as one that falls there."""
-    if restitution == 0.0:
-        joints, rates, time = placed(0.2), -0.4 * UP, 0.2 / SINE / 0.4
-    else:
-        joints, rates, time = np.array([0.0, 0.0, 0.5]), np.array([0.0, 0.0, -0.5]), (0.5 - R / SINE) / 0.5
-    start = {"joints": {"robot/free": [*joints, 1, 0, 0, 0]}, "rates": {"robot/free": [*rates, 0, 0, 0]}}
-    scenario = in_funnel(tmp_path, ball("ball", radius=R), restitution=restitution, initial=start, duration_s=1.5)
-    run = ffsm_mj.run(scenario)
+def test_a_sphere_that_slides_to_the_axis_ends_the_run(tmp_path):
+    """There it touches all round, and would stay."""
+    start = {"joints": {"robot/free": [*placed(0.2), 1, 0, 0, 0]}, "rates": {"robot/free": [*(-0.4 * UP), 0, 0, 0]}}
+    run = ffsm_mj.run(in_funnel(tmp_path, ball("ball", radius=R), initial=start, duration_s=1.5))
     assert run.outcome == "unsupported_contact"
     assert "touch all round the axis" in run.message
-    assert float(run.message.split("t = ")[1].split()[0]) == pytest.approx(time, rel=1e-5)
+    assert float(run.message.split("t = ")[1].split()[0]) == pytest.approx(0.2 / SINE / 0.4, rel=1e-5)
     assert [check for check in all_checks(run) if not check.passes] == []
+
+
+@pytest.mark.parametrize("restitution", [0.5, 1.0])
+@pytest.mark.parametrize("gravity", ["0 0 0", "0 0 -2"])
+def test_a_sphere_bounces_on_the_axis(tmp_path, restitution, gravity):
+    """It touches all round, in four directions: each has the speed v sin(alpha), and e is that of the whole."""
+    robot = ball("ball", radius=R).replace("0 0 0", gravity, 1)
+    start = {"joints": {"robot/free": [0, 0, 0.5, 1, 0, 0, 0]}, "rates": {"robot/free": [0, 0, -0.5, 0, 0, 0]}}
+    more = {"restitution": restitution, "initial": start, "conservative": gravity == "0 0 0"}
+    run = ffsm_mj.run(in_funnel(tmp_path, robot, duration_s=0.7, **more))
+    assert_passes(run)
+    first = [impact for impact in run.impacts if impact.event == 0]
+    assert len(first) == 4
+    fall, g = 0.5 - R / SINE, -float(gravity.split()[2])
+    speed = math.sqrt(0.25 + 2.0 * g * fall)
+    assert first[0].time_s == pytest.approx((speed - 0.5) / g if g else fall / 0.5, abs=1e-12)
+    after = np.array(first[0].qvel_after["robot/free"])
+    assert after == pytest.approx([0, 0, restitution * speed, 0, 0, 0], abs=1e-12)
+    assert sum(impact.impulse_N_s for impact in first) * SINE == pytest.approx((1.0 + restitution) * speed, abs=1e-12)
+    assert_replayed(run)
+
+
+def test_a_sphere_crosses_the_axis_in_an_impact(tmp_path):
+    """On its way across the axis it touches all round: at e = 1 energy is kept, and it leaves every generator."""
+    start = {"joints": {"robot/free": [-0.15, 0, 0.5, 1, 0, 0, 0]}, "rates": {"robot/free": [0.5, 0, -1.0, 0, 0, 0]}}
+    run = ffsm_mj.run(in_funnel(tmp_path, ball("ball", radius=R), restitution=1.0, initial=start, duration_s=0.35))
+    assert_passes(run)
+    assert run.impacts[0].time_s == pytest.approx(0.3, abs=1e-9)
+    assert {impact.event for impact in run.impacts[:4]} == {0}
+    angles = np.linspace(0.0, 2.0 * math.pi, 73)
+    normals = np.column_stack((-COSINE * np.cos(angles), -COSINE * np.sin(angles), np.full(73, SINE)))
+    after = run.qvel[-1, :3]
+    assert after @ after == pytest.approx(1.25, abs=1e-12)
+    assert (normals @ after).min() >= -1e-12
+    assert_replayed(run)
 
 
 @pytest.mark.parametrize("tilt", [0.0, 1e-7])
