@@ -8,6 +8,7 @@ end. What is cut are faces, so a cell knows its own ones only.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from time import monotonic
 from typing import NamedTuple
@@ -19,6 +20,7 @@ from ffsm_mj.decomposition.merging import merged
 from ffsm_mj.decomposition.surface import Surface
 from ffsm_mj.errors import InputError
 from ffsm_mj.polytope import Polytope, box, plane_of
+from ffsm_mj.tolerances import MERGED_M
 
 MOST_PLANES = 6_000
 MOST_PIECES = 4_000
@@ -145,12 +147,20 @@ class _Partition:
             else:
                 piece = self._bounded(cell)
                 pieces += [] if piece is None else [piece]
-            if len(pieces) + len(waiting) > MOST_PIECES or monotonic() > self._end_s:
-                raise InputError(
-                    f"{self._name}: more than {MOST_PIECES} pieces, or {LONGEST_S:g} s, by its {len(self._planes.normals)} "
-                    f"face planes; {_INSTEAD}"
-                )
+            self._refuse_long(len(pieces) + len(waiting))
         return pieces
+
+    def _refuse_long(self, count: int = 0) -> None:
+        """Refuse so many pieces, and work that takes too long.
+
+        Raises:
+            InputError: The limit is exceeded.
+        """
+        if count > MOST_PIECES or monotonic() > self._end_s:
+            raise InputError(
+                f"{self._name}: more than {MOST_PIECES} pieces, or {LONGEST_S:g} s, by its {len(self._planes.normals)} face "
+                f"planes; {_INSTEAD}"
+            )
 
     def _whole(self) -> _Cell:
         """A box about the whole surface, wide enough that none of its sides is one of the surface."""
@@ -197,11 +207,24 @@ class _Partition:
             yield _Cell(space, faces, cell.planes[index], cell.senses[index], cell.rows, *columns)
 
     def _cut(self, space: Polytope, normal: FloatArray, offset: float) -> tuple[Polytope | None, Polytope | None]:
-        """The parts of a polytope below and above a plane; None for one no thicker than faces are off their planes."""
+        """The parts of a polytope below and above a plane; None for one no thicker than faces are off their planes.
+
+        Raises:
+            ValueError: Rounding leaves no consistent polytopes.
+        """
         heights = space.vertices @ normal - offset
         if heights.max() <= self._level_m:
             return space, None
-        return (None, space) if heights.min() >= -self._level_m else space.cut(normal, offset)
+        if heights.min() >= -self._level_m:
+            return None, space
+        # Rounding decides which corners of a face that is almost in the plane are in it: more or fewer of them may fit.
+        for tolerance_m in (MERGED_M, 0.0, 0.1 * self._level_m, self._level_m):
+            with suppress(ValueError, KeyError):
+                parts = space.cut(normal, offset, tolerance_m)
+                if all(part is None or _is_closed(part) for part in parts):
+                    return parts
+        msg = "rounding leaves no closed piece"
+        raise ValueError(msg)
 
     def _bounded(self, cell: _Cell) -> Polytope | None:
         """The part of a cell on the inner side of all its faces; None if rounding alone is left of it."""
@@ -209,6 +232,7 @@ class _Partition:
         for plane, sense in sorted(set(zip(cell.planes.tolist(), cell.senses.tolist(), strict=True))):
             if piece is None:
                 break
+            self._refuse_long()
             parts = self._cut(piece, self._planes.normals[plane], float(self._planes.offsets[plane]))
             piece = parts[0] if sense > 0 else parts[1]
         return piece
@@ -216,6 +240,15 @@ class _Partition:
 
 _ROWS = 200
 """Planes compared with all corners at once."""
+
+
+def _is_closed(piece: Polytope) -> bool:
+    """Whether the faces of a polytope bound it: every edge is one of two faces, by Euler's formula without holes.
+
+    Raises:
+        KeyError: An edge is one of a single face.
+    """
+    return len(piece.vertices) + len(piece.faces) == len(piece.edges) + 2
 
 
 def _split(

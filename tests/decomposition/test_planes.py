@@ -176,6 +176,28 @@ def test_cavities_and_separate_parts():
     assert sum(piece.volume for piece in pieces) == pytest.approx(1e-3 * (1.0 - 0.512 + 0.125), rel=1e-12)
 
 
+@pytest.mark.parametrize("tolerance_m", [1e-9, 1e-7, 1e-6, 1e-5])
+@pytest.mark.parametrize("digits", [4, 5, 6])
+def test_rounded_files_are_partitioned_or_refused(digits, tolerance_m):
+    """Facets of a rounded file are no planes: the pieces fill what it says to the tolerance, or it is refused in a line."""
+    vertices, faces = meshes.cone(16)
+    surface = surface_of((np.round(turn(vertices), digits), faces))
+    pieces, message = [], ""
+    try:
+        pieces = pieces_of(surface, tolerance_m)
+    except InputError as refused:
+        message = refused.lines[0]
+    if message:
+        assert "; use 'method: coacd', or a tolerance_m" in message
+        return
+    area = np.linalg.norm(surface.areas, axis=1).sum()
+    assert abs(sum(piece.volume for piece in pieces) - surface.volume) <= 1e-9 * surface.volume + tolerance_m * area
+    centres = surface.triangles.mean(axis=1)
+    off = 3e-3 * surface.areas / np.linalg.norm(surface.areas, axis=1)[:, None]
+    np.testing.assert_array_equal(number_around(pieces, centres - off), 1)
+    np.testing.assert_array_equal(number_around(pieces, centres + off), 0)
+
+
 @pytest.mark.parametrize(("limit", "least"), [("MOST_PLANES", 20), ("MOST_PIECES", 20), ("LONGEST_S", 0.0)])
 def test_limits_suggest_the_other_method(monkeypatch, limit, least):
     monkeypatch.setattr(planes, limit, least)
