@@ -19,6 +19,7 @@ from ffsm_mj.log.drawing import shapes
 from tests.contact.test_half_space import GEOMS
 from tests.replays import assert_passes, assert_replayed
 from tests.scenes import HEAD, ball, box, scene
+from tests.simulation.restored import is_rest_of, rest, told
 
 ALPHA, R = math.radians(30.0), 0.1
 SINE, COSINE = math.sin(ALPHA), math.cos(ALPHA)
@@ -533,3 +534,21 @@ def test_the_scene_of_a_viewer_has_the_gaps(tmp_path):
     corners = drawn.vertices @ turn.reshape(3, 3).T + drawn.position
     assert np.hypot(corners[:, 0], corners[:, 1]) * COSINE == pytest.approx(corners[:, 2] * SINE, abs=1e-6)
     assert corners[:, 2].max() == pytest.approx(2.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("body", ["sphere", pytest.param("cylinder", marks=pytest.mark.long)])
+def test_it_goes_on_from_a_saved_state(tmp_path, body):
+    """In contact, bit for bit, in another simulator; that of the state itself goes on too."""
+    robot = f"""<mujoco>{HEAD}<worldbody><body name="body"><freejoint name="free"/>
+      <inertial pos="0.01 0 0.02" mass="1" diaginertia="0.01 0.012 0.008"/>
+      <geom name="body" {GEOMS[body]} mass="0"/></body></worldbody></mujoco>"""
+    start = {"joints": {"robot/free": [0.3, 0.1, 1.3, *TURN]}, "rates": {"robot/free": [-0.2, 0.3, -0.9, 1.0, -0.5, 0.7]}}
+    path = in_funnel(tmp_path, robot, mu=0.1, initial=start)
+    simulator = ffsm_mj.Simulator(path, {})
+    simulator.reset()
+    simulator.step(until=0.8)
+    saved = simulator.get_state().to_bytes()
+    assert b"OnCone" in saved
+    while not simulator.ended:
+        simulator.step()
+    assert is_rest_of(told(simulator.close()), rest(path, {}, saved))
