@@ -119,7 +119,7 @@ def _left_out(contacts: Contacts, system: System) -> Iterator[str]:
 def mesh_notes(contacts: Contacts, system: System) -> Iterator[str]:
     """Notes on meshes in contacts that collide as their convex hulls; takes up to a second for a large mesh."""
     model = system.mj
-    geoms = sorted({geom for pair in contacts.pairs for geom in pair.geom_ids} - set(system.pieces))
+    geoms = sorted({geom for pair in contacts.pairs for geom in pair.geom_ids} - {*system.pieces, *system.cones})
     depths = [(hull_offset(model, geom), system.mj.geom(geom).name) for geom in geoms]
     offsets = sorted(((offset, name) for offset, name in depths if offset > _SHOWN_M), reverse=True)
     for offset, name in offsets[:_MOST_MESHES]:
@@ -153,7 +153,9 @@ def disarmed_pairs(assembly: Assembly) -> Iterator[str]:
             for name, pairs in contact_model.disarmed.items():
                 if not pairs:
                     continue
-                names = [pair.name for pair in assembly.pairs if pair.geom_ids in pairs]
+                # A cone has a pair for each place of a geom.
+                named = {pair.geom_ids: pair for pair in reversed(assembly.pairs) if pair.geom_ids in pairs}
+                names = [pair.shared_name if isinstance(pair, ConePair) else pair.name for pair in reversed(named.values())]
                 others = len(pairs) - len(names)
                 yield (
                     f"while {name!r} is closed, {len(pairs)} pairs of geoms are on one rigid body and cannot meet: "

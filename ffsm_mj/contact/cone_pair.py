@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import mujoco
@@ -115,15 +115,14 @@ def cone_pairs(
     """Pairs of a cone and each place of a geom; see :class:`ConePair` and :class:`RoundConePair`."""
     cone_geom, other = geoms if geoms[0] in system.cones else geoms[::-1]
     for contact in cone_contacts(system.mj, other):
-        full = f"{name} {contact.label}" if contact.label else name
         if contact.squares is None:
-            yield ConePair(system, full, geoms, restitution, mu, rule, contact)
+            yield ConePair(system, name, geoms, restitution, mu, rule, contact)
             continue
         core = RoundCore(contact.place, contact.squares)
         generators = NearestGenerators(cone_core(system.mj, cone_geom, system.cones[cone_geom]), other, core)
         for slot in range(SLOTS):
-            of_slot = f"{full} side {slot + 1}"
-            yield RoundConePair(system, of_slot, geoms, restitution, mu, rule, contact, generators=generators, slot=slot)
+            side = replace(contact, label=f"{contact.label} side {slot + 1}".strip())
+            yield RoundConePair(system, name, geoms, restitution, mu, rule, side, generators=generators, slot=slot)
 
 
 def round_core(model: Any, data: Any, geom: int, contact: ConeContact) -> Circle | Ellipsoid:
@@ -149,7 +148,11 @@ def cone_core(model: Any, geom: int, cone: ConeConfig) -> Cone:
 
 
 class ConePair(ContactPair):
-    """A cone and one point of a geom; see :class:`~ffsm_mj.contact.pairs.ContactPair`."""
+    """A cone and one point of a geom; see :class:`~ffsm_mj.contact.pairs.ContactPair`.
+
+    Attributes:
+        shared_name: What the names of all pairs of the cone and the geom begin with.
+    """
 
     def __init__(
         self,
@@ -165,7 +168,7 @@ class ConePair(ContactPair):
 
         Args:
             system: Compiled models.
-            name: Name of the pair.
+            name: Name of the pair without that of the point.
             geoms: Ids of geoms a and b, one of which stands for a cone.
             restitution: Coefficient of restitution.
             mu: Coefficient of friction.
@@ -175,7 +178,8 @@ class ConePair(ContactPair):
         Raises:
             LookupError: See :class:`~ffsm_mj.contact.pairs.ContactPair`.
         """
-        super().__init__(system, name, *geoms, restitution, mu, rule=rule)
+        super().__init__(system, f"{name} {contact.label}".strip(), *geoms, restitution, mu, rule=rule)
+        self.shared_name = name
         self._on_a = geoms[0] in system.cones
         cone_geom, self._geom = geoms if self._on_a else geoms[::-1]
         config = system.cones[cone_geom]

@@ -11,7 +11,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
-from ffsm_mj.assembly.notes import contact_notes, initial_scene
+from ffsm_mj.assembly.notes import contact_notes, describe, initial_scene
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
@@ -552,3 +552,11 @@ def test_it_goes_on_from_a_saved_state(tmp_path, body):
     while not simulator.ended:
         simulator.step()
     assert is_rest_of(told(simulator.close()), rest(path, {}, saved))
+
+
+def test_notes_on_a_cone():
+    """While the hard latch is closed, the bus and the head with the cone are two of the pairs; its picture is no hull."""
+    notes = [line for line in describe(prepare("probe-and-cone").assemble()) if line.startswith("note:")]
+    assert not any("hull of its mesh" in line for line in notes)
+    (line,) = (line for line in notes if "'hard'" in line)
+    assert "bus-hull, bus-panel, bus-cone, head-hull, head-panel, head-cone, 30 without" in line
