@@ -1,0 +1,114 @@
+"""The figures and the table of ``docs/nozzle-capture.md``, from the scenario as it is: ``make figures``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+import ffsm_mj
+from ffsm_mj.report.plots.style import BLACK, BLUE, VERMILION, WIDTH_IN, publication, write
+
+FOLDER = Path(__file__).parent / "figures" / "nozzle-capture"
+PINS = ("pin_1", "pin_2", "pin_3")
+APART = 0.25
+"""How far pieces are moved apart in the figure, as a share of their distances from the middle of the nozzle."""
+
+
+def in_nozzle(run: ffsm_mj.Run) -> np.ndarray:
+    """Place of the head of the probe in the axes of the stage, its x from the exit of the nozzle, by row, (n, 3), m."""
+    model = ffsm_mj.Scenario.load("nozzle-capture").system.mj
+    data = mujoco.MjData(model)
+    head, stage, nozzle = model.site("robot/head").id, model.body("stage/stage").id, model.site("stage/chamber").id
+    exit_m = model.site_pos[nozzle] - (0.6, 0.0, 0.0)
+    places = []
+    for row in run.qpos:
+        data.qpos[:] = row
+        mujoco.mj_kinematics(model, data)
+        places.append(data.xmat[stage].reshape(3, 3).T @ (data.site_xpos[head] - data.xpos[stage]) - exit_m)
+    return np.array(places)
+
+
+def table(run: ffsm_mj.Run, places: np.ndarray) -> None:
+    """Print the impacts, and what the pins carry at the end."""
+    print("| t, s | what | impulse, N s | head from the exit, mm | beside the axis, mm |")
+    print("|---|---|---|---|---|")
+    for record in run.impacts:
+        if record.impulse_N_s > 0.01:
+            x, y, z = 1e3 * places[int(np.searchsorted(run.time, record.time_s))]
+            what = record.geoms[0].removeprefix("robot/")
+            print(f"| {record.time_s:.3f} | {what} | {record.impulse_N_s:.3f} | {x:.0f} | {np.hypot(y, z):.1f} |")
+    print("\n| pin | force at the end, N | friction, N | share of mu N, largest at rest | slid, mm |")
+    print("|---|---|---|---|---|")
+    for pin in PINS:
+        force, friction, use = (run[f"contact.{pin}_{what}"] for what in ("force_N", "friction_N", "friction_use"))
+        still = run.time > run.time[-1] - 3.0
+        slip = 1e3 * run[f"contact.{pin}_slip_m"][-1]
+        print(f"| {pin} | {force[-1]:.2f} | {friction[-1]:.3f} | {use[still].max():.3f} | {slip:.1f} |")
+    still = run.time > run.time[-1] - 3.0
+    print(f"\nhead against the stage in the last 3 s: {1e3 * np.ptp(places[still], axis=0).max():.1e} mm")
+
+
+def pieces() -> tuple[Figure, int]:
+    """The pieces of the nozzle behind a cut through its axis, as it is and moved apart, and their number."""
+    system = ffsm_mj.Scenario.load("nozzle-capture").system
+    geom, turn = system.index("geom", "stage/nozzle"), np.empty(9)
+    mujoco.mju_quat2Mat(turn, system.mj.geom_quat[geom])
+    parts = [part.moved(np.zeros(3), turn.reshape(3, 3)) for part in system.pieces[geom]]
+    colours = np.random.default_rng(3).permutation(len(parts)) / len(parts)
+    figure = Figure(figsize=(WIDTH_IN, 0.45 * WIDTH_IN))
+    for k, apart in enumerate((0.0, APART)):
+        axes = figure.add_subplot(1, 2, k + 1, projection="3d")
+        for hue, part in zip(colours.tolist(), parts, strict=True):
+            middle = part.vertices.mean(axis=0)
+            if middle[1] > 0.0:
+                corners, colour = (
+                    part.vertices + apart * middle,
+                    (0.35 + 0.6 * abs(2 * hue - 1), 0.45 + 0.4 * hue, 0.9 - 0.5 * hue),
+                )
+                polygons = [corners[list(face)] for face in part.faces]
+                axes.add_collection3d(Poly3DCollection(polygons, facecolor=colour, edgecolor=BLACK, linewidth=0.2))
+        axes.set_box_aspect((1, 1, 1), zoom=1.5)
+        axes.set(xlim=(-0.35, 0.55), ylim=(-0.45, 0.45), zlim=(-0.45, 0.45))
+        axes.view_init(elev=15, azim=-80)
+        axes.set_axis_off()
+    return figure, len(parts)
+
+
+def motion(run: ffsm_mj.Run, places: np.ndarray) -> Figure:
+    """Way of the head into the nozzle, forces on the wall."""
+    figure = Figure(figsize=(WIDTH_IN, 0.75 * WIDTH_IN))
+    way, beside, force = figure.subplots(3, 1, sharex=True)
+    way.plot(run.time, 1e3 * places[:, 0], color=BLUE)
+    way.axhspan(460.0, 500.0, color="0.85")
+    way.set(ylabel="head from\nthe exit, mm")
+    beside.plot(run.time, 1e3 * np.hypot(places[:, 1], places[:, 2]), color=BLUE)
+    beside.set(ylabel="head beside\nthe axis, mm")
+    for pin, colour in zip(PINS, (BLUE, VERMILION, BLACK), strict=True):
+        force.plot(run.time, run[f"contact.{pin}_force_N"], color=colour, label=pin)
+    force.set(xlabel="time, s", ylabel="force of the pins\non the wall, N")
+    force.legend()
+    for axes in (way, beside, force):
+        for record in run.records["phases"]:
+            axes.axvline(record.start_s, color="0.6", linewidth=0.7)
+    return figure
+
+
+def main() -> None:
+    """Run the scenario, print the tables, draw, write."""
+    run = ffsm_mj.run("nozzle-capture")
+    places = in_nozzle(run)
+    table(run, places)
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    with publication():
+        write(motion(run, places), FOLDER, "capture", ("svg",))
+        figure, count = pieces()
+        write(figure, FOLDER, "pieces", ("svg",))
+    print(f"pieces of the nozzle: {count}")
+
+
+if __name__ == "__main__":
+    main()
