@@ -130,6 +130,7 @@ class _Partition:
         self._planes = planes_of(surface, tolerance_m, name)
         # Corners of a face that joined a plane are off it by the tolerance, those of cuts by as much again.
         self._level_m = 2.0 * tolerance_m
+        self._merged_m = MERGED_M * max(1.0, surface.extent)
         self._end_s = monotonic() + LONGEST_S
 
     def pieces(self) -> list[Polytope]:
@@ -218,7 +219,7 @@ class _Partition:
         if heights.min() >= -self._level_m:
             return None, space
         # Rounding decides which corners of a face that is almost in the plane are in it: more or fewer of them may fit.
-        for tolerance_m in (MERGED_M, 0.0, 0.1 * self._level_m, self._level_m):
+        for tolerance_m in (self._merged_m, 0.0, 0.1 * self._level_m, self._level_m):
             with suppress(ValueError, KeyError):
                 parts = space.cut(normal, offset, tolerance_m)
                 if all(part is None or _is_closed(part) for part in parts):

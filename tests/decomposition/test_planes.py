@@ -112,6 +112,18 @@ def test_single_precision_changes_no_number(part):
     assert abs(sum(piece.volume for piece in pieces) - surface.volume) < surface.rounding * area
 
 
+@pytest.mark.parametrize("scale", [1e-3, 1e2, 1e4])
+def test_the_unit_of_length_changes_no_number(scale):
+    """Tolerances follow the coordinates: a file in mm, and a station of a kilometre."""
+    part, faces = meshes.cone(16)
+    for vertices in (turn(part), turn(part).astype(np.float32).astype(np.float64)):
+        surface = surface_of((scale * vertices, faces))
+        pieces = pieces_of(surface)
+        assert len(pieces) == 16
+        area = np.linalg.norm(surface.areas, axis=1).sum()
+        assert abs(sum(piece.volume for piece in pieces) - surface.volume) < surface.rounding * area
+
+
 def test_decimal_digits_need_a_tolerance():
     """An OBJ with six digits is rounded by 5e-7 m: facets that meet at 0.1 rad move by ten times that."""
     vertices, faces = meshes.cone()
