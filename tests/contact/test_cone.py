@@ -16,6 +16,7 @@ from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.drawing import shapes
+from ffsm_mj.replay import replay_log
 from tests.contact.test_half_space import GEOMS
 from tests.replays import assert_passes, assert_replayed
 from tests.scenes import HEAD, ball, box, scene
@@ -560,3 +561,26 @@ def test_notes_on_a_cone():
     assert not any("hull of its mesh" in line for line in notes)
     (line,) = (line for line in notes if "'hard'" in line)
     assert "bus-hull, bus-panel, bus-cone, head-hull, head-panel, head-cone, 30 without" in line
+
+
+@pytest.mark.long
+def test_a_replay_tells_the_sides_of_a_rim_by_their_points(tmp_path):
+    """Which side a place is follows from the places before, of which a log has few: impact 3 was that of the other one."""
+    robot = f"""<mujoco>{HEAD.replace("0 0 0", "0 0 -2")}<worldbody><body name="body"><freejoint name="free"/>
+      <inertial pos="0.005 0 0.01" mass="1" diaginertia="0.01 0.012 0.008"/>
+      <geom name="body" type="cylinder" size="0.1 0.15" mass="0"/></body></worldbody></mujoco>"""
+    turn = np.array([0.0925069255140471, -0.161766004687774, -0.6281689598732155, 0.7554323174918424])
+    place = [0.08694236741562315, 0.07559834146626095, 1.2245710085172405, *(turn / np.linalg.norm(turn)).tolist()]
+    rates = [
+        0.7956319041270241,
+        -0.8170022434574413,
+        -0.9233833651154761,
+        -1.5515218924680023,
+        1.0105092031010718,
+        1.7363542260087632,
+    ]
+    start = {"joints": {"robot/free": place}, "rates": {"robot/free": rates}}
+    more = {"initial": start, "restitution": 1.0, "conservative": False, "duration_s": 1.2}
+    run = ffsm_mj.run(in_funnel(tmp_path, robot, cone={"half_angle_deg": 40.0}, **more))
+    assert len(run.impacts) == 4
+    assert replay_log(run.log).agrees

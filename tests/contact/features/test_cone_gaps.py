@@ -19,7 +19,7 @@ from ffsm_mj.model.files import read_model
 from ffsm_mj.state import from_bytes, to_bytes
 from tests.contact.features.test_gap_functions import check_motion, moved, turn_at_random
 from tests.contact.features.test_stored import evaluated
-from tests.contact.test_geometry import shape
+from tests.contact.test_geometry import SHAPES, shape
 from tests.forgetting import forgetting
 from tests.scenes import box
 
@@ -181,13 +181,16 @@ def tilted(data, turn):
     data.qpos[7:10] = CONE.apex_m + 1.2 * axis + 0.01 * v
 
 
+DISC = shape("cylinder").replace(SHAPES["cylinder"], 'type="cylinder" size="0.3 0.02"')
+
+
 def test_minima_keep_their_pairs_and_need_their_state(tmp_path):
     """Turned half round by small steps, each pair is where the other one was; of new ones the first is the lower."""
-    made = [pairs_in_cone(tmp_path, shape("cylinder"), True) for _ in range(2)]
+    made = [pairs_in_cone(tmp_path, DISC, True) for _ in range(2)]
     (pairs, model, data), (others, *_) = made
 
     def places(which):
-        return [pair.proximity(model, data).points[0] for pair in which[2:]]
+        return [pair._place(data) for pair in which[2:]]
 
     for turn in np.linspace(0.0, math.pi, 101):
         tilted(data, turn)
@@ -197,12 +200,16 @@ def test_minima_keep_their_pairs_and_need_their_state(tmp_path):
     state = pairs[2].get_state()
     assert np.array(places(others)) == pytest.approx(np.array([other, one]), abs=1e-12)
     for kind, field in ((RoundConePair, "generators"), (NearestGenerators, "angles")):
-        fresh = pairs_in_cone(tmp_path, shape("cylinder"), True)[0]
+        fresh = pairs_in_cone(tmp_path, DISC, True)[0]
         with forgetting(kind, field):
             fresh[2].set_state(state)
         assert np.array(places(fresh)) == pytest.approx(np.array([other, one]), abs=1e-12)
         fresh[2].set_state(state)
         assert np.array(places(fresh)).tobytes() == np.array([one, other]).tobytes()
+    # A replay tells them by a logged point; one that no log of a run has changes nothing.
+    for pair, point in ((others[2], one), (others[3], other), (others[3], np.full(3, np.nan)), (others[2], np.zeros(2))):
+        pair.recall(data, point)
+        assert np.array(places(others)) == pytest.approx(np.array([one, other]), abs=1e-12)
 
 
 def test_the_angle_of_a_feature(tmp_path, rng):
