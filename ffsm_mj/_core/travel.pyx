@@ -38,6 +38,10 @@ cdef class Travel:
         for i in range(self.rates.shape[0]):
             self.sums[i], self.steps[i], self.before[i] = 0.0, 0.0, fabs(self.rates[i])
 
+    def end(self):
+        """End the reach here: pairs may be near that were not when it began."""
+        self.reach = 0.0
+
     cpdef bint add(self, double duration_s) except -1:
         """Add a finished step; returns whether no pair can be near yet."""
         cdef Py_ssize_t i

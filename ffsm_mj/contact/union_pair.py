@@ -12,7 +12,7 @@ of pieces by itself, and asks here only where it touches.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -110,6 +110,10 @@ class PiecePair(ContactPair):
         shapes = self.shapes(model, data)
         return max(np.concatenate(normals), key=lambda normal: separation(*shapes, normal))
 
+    def gap_to_rounding(self, model: Any, data: Any, gap: float) -> float:
+        """The gap at the state in ``data``, to rounding; see :class:`ContactPair`."""
+        return self.alone(model, data).gap if self._query_scatters else gap
+
     @property
     def is_curved(self) -> bool:
         """Whether one of the pieces is round."""
@@ -132,6 +136,7 @@ class UnionPair(ContactPair):
             watched by their contact points, all others by their distance.
         closed_patches: Patches that persistent contact holds.
         left: Counts the times at which pieces ceased to be joined.
+        on_left: Called then.
         is_beside: Whether the bodies may touch beside the face on which they lie flat.
     """
 
@@ -168,6 +173,7 @@ class UnionPair(ContactPair):
         self.joined: frozenset[int] = frozenset()
         self.closed_patches: frozenset[str] = frozenset()
         self.left = 0
+        self.on_left: Callable[[], None] = _nothing
         self._face: Feature | None = None
         self.is_beside = True
 
@@ -272,13 +278,18 @@ class UnionPair(ContactPair):
         """Note the patches that persistent contact holds: what is joined follows from them at the next step."""
         if self.closed_patches != frozenset(patches):
             self.closed_patches, self.joined = frozenset(patches), frozenset()
-            self.left += 1
+            self._leave()
+
+    def _leave(self) -> None:
+        self.left += 1
+        self.on_left()
 
     def join(self, model: Any, data: Any) -> None:
         """Take the pairs of pieces that touch in patches that are held at the state in ``data`` as joined."""
         near = [k for gap, k in self.within(model, data, 2.0 * DISTANCE_QUERY_M) if gap <= DISTANCE_QUERY_M]
         joined = frozenset(k for k in near if k in self.joined or self._goes_on(self.piece_pair(k), model, data))
-        self.left += not joined.issuperset(self.joined)
+        if not joined.issuperset(self.joined):
+            self._leave()
         self.joined, face = joined, self._face
         self.is_beside = face is None or not all(self.piece_pair(k).is_parted(model, data, face) for k in joined)
 
@@ -359,7 +370,7 @@ class UnionPair(ContactPair):
             return  # the next cylinder has the contact
         a, b = (self._there(side, model, data, point) for side in self.sides)
         # Deeper overlaps have no common point of both surfaces: they are asked for to find when they began.
-        if near.gap < -CONTACT_GAP_M or (len(a) <= 1 and len(b) <= 1):
+        if near.gap < -CONTACT_GAP_M or (len(a) <= 1 and len(b) <= 1 and not _may_tie(a, b)):
             yield near.normal, pair
             return
         if pair.is_curved and (level := _levelled(pair, near.normal, a, b)) is not None:
@@ -374,7 +385,9 @@ class UnionPair(ContactPair):
             # Of several pieces in one plane any will do, but those of another rule are of another pair.
             owners = [self.number_of(*pieces) for pieces in parted if self._allowed[pieces[0].number, pieces[1].number]]
             if owners:
-                yield normal, pair if self.number_of(*pair.pieces) in owners else self.piece_pair(owners[0])
+                # The search knows its normal to rounding; that of two edges here is a cross product.
+                better = near.normal if math.dist(near.normal, normal) <= _ONE_NORMAL else normal
+                yield better, pair if self.number_of(*pair.pieces) in owners else self.piece_pair(owners[0])
 
     def _is_covered(self, pair: PiecePair, data: Any, normal: FloatArray) -> bool:
         """Whether a normal of two pieces is that of an end of a cylinder or capsule which another one continues."""
@@ -450,6 +463,12 @@ def _owner(near: Proximity, point: FloatArray) -> PiecePair:
     return near.owners[min(range(len(near.points)), key=lambda i: math.dist(near.points[i], point))]
 
 
+def _may_tie(a: Mapping[Piece, FloatArray], b: Mapping[Piece, FloatArray]) -> bool:
+    """Whether two single pieces meet by an edge or corner each: if one lies exactly on the other, there is no one normal."""
+    polytopes = all(piece.polytope is not None for piece in (*a, *b))
+    return polytopes and min((len(normals) for normals in (*a.values(), *b.values())), default=0) > 1
+
+
 def _crosses_seam(
     shapes: tuple[Shape, Shape],
     point: FloatArray,
@@ -464,6 +483,10 @@ def _crosses_seam(
             corners = shapes[1 - k].extreme(-outward, PARALLEL, CONTACT_GAP_M)
             return float(np.linalg.norm(corners - point, axis=1).min()) > _AT_POINT_M
     return False
+
+
+def _nothing() -> None:
+    """Nobody follows the pieces."""
 
 
 @dataclass

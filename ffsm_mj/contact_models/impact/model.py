@@ -470,6 +470,12 @@ def _is_of_geoms(records: Sequence[ImpactRecord | LimitImpactRecord]) -> bool:
     return any(isinstance(record, ImpactRecord) for record in records)
 
 
+def _apart(one: ImpactRecord | LimitImpactRecord, other: ImpactRecord | LimitImpactRecord) -> float:
+    """How far the places of two contacts are apart, and in a corner their normals."""
+    normals = [record.normal for record in (one, other) if isinstance(record, ImpactRecord)]
+    return math.dist(one.point_m, other.point_m) + (math.dist(*normals) if len(normals) == 2 else 0.0)
+
+
 def _in_order_of(
     logged: Sequence[Any], records: Sequence[ImpactRecord | LimitImpactRecord]
 ) -> tuple[ImpactRecord | LimitImpactRecord, ...]:
@@ -482,6 +488,6 @@ def _in_order_of(
             break
         # Points of a face are listed by the feature search, whose order may change by rounding: the nearest point is the
         # same contact.
-        ordered.append(min(alike, key=lambda contact: math.dist(contact.point_m, theirs.point_m)))
+        ordered.append(min(alike, key=lambda contact: _apart(contact, theirs)))
         left = [contact for contact in left if contact is not ordered[-1]]
     return (*ordered, *left)

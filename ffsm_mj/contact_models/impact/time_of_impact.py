@@ -120,6 +120,11 @@ class Clearances:
         closed, self.last = (np.minimum(rows @ by_rates, by_energy) for by_rates, by_energy in moved)
         return self._exhausted(closed, self.last, stepper.motion_bound)
 
+    def end(self) -> None:
+        """End all bounds here: pieces of unions that their contact points watched are to be followed by distance again."""
+        self.travel.end()
+        self.energy_reach = -math.inf
+
     def _pieces_left(self) -> list[int]:
         """Indices of pairs of unions of which pieces are no longer watched by their contact points, but by distance."""
         known, self._left = self._left, [pair.left for _, pair in self._unions]
@@ -424,6 +429,9 @@ class Detector(EventSource, Replayable):
         self._clearances, self._limits = Clearances(scene, geoms), LimitClearances(scene, limits, len(geoms))
         self.watched = frozenset(ids for pair in self.pairs for ids in pair.geom_pairs)
         self.travels = (self._clearances.travel,)
+        for pair in geoms:
+            if isinstance(pair, UnionPair):
+                pair.on_left = self._follow_pieces
         self._suspects: tuple[UnilateralConstraint, ...] = ()
         # Evaluations of this step by pair and time; those at its end are kept as the start of the next step.
         self._evaluated: dict[tuple[UnilateralConstraint, float], Proximity] = {}
@@ -432,6 +440,10 @@ class Detector(EventSource, Replayable):
         """Discard all evaluations, because the state or the efforts changed discontinuously."""
         self._evaluated = {}
         self._measure_clearances()
+
+    def _follow_pieces(self) -> None:
+        self._clearances.end()
+        self._bound_events()
 
     def _measure_clearances(self) -> None:
         for clearances in (self._clearances, self._limits):
