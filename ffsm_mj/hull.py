@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import mujoco
@@ -30,7 +31,7 @@ def hull(points: FloatArray, *, merge: float = 0.0, straight: float = 0.0) -> Fl
     """
     distinct: list[tuple[float, ...]] = sorted(set(map(tuple, points.tolist())))
     if merge > 0.0:
-        distinct = _merged(distinct, merge)
+        distinct = _in_columns(_merged(distinct, merge), merge)
     if len(distinct) < 3:
         return np.array(distinct)
     span = float(np.max(np.ptp(distinct, axis=0)))
@@ -58,6 +59,15 @@ def _merged(ordered: Sequence[tuple[float, ...]], reach: float) -> list[tuple[fl
         if all(abs(p[0] - q[0]) + abs(p[1] - q[1]) > reach for q in kept):
             kept.append(p)
     return kept
+
+
+def _in_columns(ordered: Sequence[tuple[float, ...]], reach: float) -> list[tuple[float, ...]]:
+    """Points by columns whose first coordinates differ by rounding, each in the order of the second one.
+
+    Of three points on a line along the second axis the middle one would else come first, and the chain keeps its first.
+    """
+    starts = [0, *(i for i, (p, q) in enumerate(pairwise(ordered), 1) if q[0] - p[0] > reach), len(ordered)]
+    return [p for start, end in pairwise(starts) for p in sorted(ordered[start:end], key=lambda point: point[1])]
 
 
 def hull_offset(model: Any, geom: int) -> float:

@@ -387,7 +387,7 @@ class UnionPair(ContactPair):
             if owners:
                 # The search knows its normal to rounding; that of two edges here is a cross product.
                 better = near.normal if math.dist(near.normal, normal) <= _ONE_NORMAL else normal
-                yield better, pair if self.number_of(*pair.pieces) in owners else self.piece_pair(owners[0])
+                yield better, self.piece_pair(min(owners))
 
     def _is_covered(self, pair: PiecePair, data: Any, normal: FloatArray) -> bool:
         """Whether a normal of two pieces is that of an end of a cylinder or capsule which another one continues."""
