@@ -23,7 +23,7 @@ from ffsm_mj.contact.watch import Matrix, collidable
 from ffsm_mj.errors import Faults, unknown_name
 from ffsm_mj.model.system import System
 from ffsm_mj.scenario.contacts import ContactRuleConfig, ContactsConfig
-from ffsm_mj.tolerances import CONTACT_GAP_M
+from ffsm_mj.tolerances import CLEARLY_APART_M, CONTACT_GAP_M
 
 ALL, SELF, SUBTREE = "*", "self", "/*"
 _RULES, _IGNORED = ("contacts", "rules"), ("contacts", "ignored")
@@ -456,7 +456,8 @@ def overlapping(system: System, data: Any, contacts: Contacts) -> Iterator[tuple
         pair = contacts.pairs[i]
         # Queries of parts of meshes are of single precision: the support functions say what an overlap is.
         gap = pair.gap(system.mj, data)
-        gap = gap if gap >= -CONTACT_GAP_M else min(near.gap for near in pair.proximities(system.mj, data))
+        if -CLEARLY_APART_M < gap < -CONTACT_GAP_M:
+            gap = min(near.gap for near in pair.proximities(system.mj, data))
         if gap < -CONTACT_GAP_M and (pair.geom_ids not in deepest or gap < deepest[pair.geom_ids][0]):
             deepest[pair.geom_ids] = gap, pair
     for gap, pair in deepest.values():
