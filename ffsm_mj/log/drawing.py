@@ -17,6 +17,7 @@ from ffsm_mj.dynamics.rigid_body import rotation_matrix
 from ffsm_mj.log import limits
 from ffsm_mj.log.palette import GREY, ROBOT, WHITE, Colour, mixed, object_colour, shares
 from ffsm_mj.model.system import System
+from ffsm_mj.polytope import Polytope
 from ffsm_mj.records.signals import Layout, coordinate_keys
 
 _KINDS = {
@@ -92,7 +93,7 @@ def posed_bodies(system: System) -> list[int]:
 
 
 def shapes(system: System, geoms: Iterable[int] | None = None) -> Iterator[DrawnShape]:
-    """Shapes of geoms; a plane is a thin box below it, height fields are left out.
+    """Shapes of geoms; a plane is a thin box below it, a fixed height field its surface; those that move are left out.
 
     Args:
         system: Robot and objects.
@@ -101,6 +102,10 @@ def shapes(system: System, geoms: Iterable[int] | None = None) -> Iterator[Drawn
     model, corners = system.mj, 0
     for geom in geoms_to_draw(model) if geoms is None else geoms:
         kind = _KINDS.get(mujoco.mjtGeom(model.geom_type[geom]))
+        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_HFIELD and geom in system.pieces:
+            surface = _surface(system.pieces[geom])
+            corners += 3 * len(surface[1])
+            kind = "mesh" if corners <= limits.MESH_CORNERS else None
         if kind is None:
             continue
         size, position = model.geom_size[geom].copy(), model.geom_pos[geom].copy()
@@ -108,11 +113,11 @@ def shapes(system: System, geoms: Iterable[int] | None = None) -> Iterator[Drawn
             size[:] = size[0]
         if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
             size, position = _slab(size, position, model.geom_quat[geom])
-        mesh = int(model.geom_dataid[geom]) if kind == "mesh" else -1
+        mesh = int(model.geom_dataid[geom]) if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH else -1
         corners += 3 * int(model.mesh_facenum[mesh]) if mesh >= 0 else 0
         if mesh >= 0 and corners > limits.MESH_CORNERS:
             kind, mesh = "box", -1  # MuJoCo stores the half sizes of the bounding box as the size of a mesh geom
-        vertices, triangles, normals = _mesh(model, mesh)
+        vertices, triangles, normals = _mesh(model, mesh) if kind != "mesh" or mesh >= 0 else surface
         yield DrawnShape(
             geom=geom,
             name=(model.geom(geom).name or f"geom_{geom}").rsplit("/", 1)[-1],
@@ -159,6 +164,18 @@ def _mesh(model: Any, mesh: int) -> tuple[FloatArray, npt.NDArray[np.int32], Flo
     used, places = np.unique(corners, axis=0, return_inverse=True)
     vertices, normals = model.mesh_vert[vertex + used[:, 0]], model.mesh_normal[normal + used[:, 1]]
     return vertices.astype(np.float64), places.reshape(-1, 3).astype(np.int32), normals.astype(np.float64)
+
+
+def _surface(prisms: Sequence[Polytope]) -> tuple[FloatArray, npt.NDArray[np.int32], FloatArray]:
+    """Vertices, triangles and normals at the vertices of the tops of prisms, each a flat fan."""
+    vertices, triangles, normals, count = [], [], [], 0
+    for prism in prisms:
+        top = prism.vertices[list(prism.faces[0])]
+        vertices.append(top)
+        normals.append(np.tile(prism.normals[0], (len(top), 1)))
+        triangles += [(count, count + k, count + k + 1) for k in range(1, len(top) - 1)]
+        count += len(top)
+    return np.concatenate(vertices), np.array(triangles, dtype=np.int32), np.concatenate(normals)
 
 
 class Poser:

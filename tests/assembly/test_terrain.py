@@ -8,6 +8,7 @@ import pytest
 import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError
+from ffsm_mj.log.drawing import shapes
 from tests.replays import proved
 
 BALL = """<mujoco><worldbody><body name="ball"><freejoint name="free"/><geom name="ball" size="0.1" mass="1"/></body>
@@ -110,6 +111,17 @@ def test_a_box_slides_over_the_seams_of_a_flat_field(tmp_path):
     assert len(next(iter(prepare(tmp_path / "terrain.yaml").system.pieces.values()))) > 3
     assert run.impacts == ()
     assert run.qpos[-1, :3] == pytest.approx((0.7, -0.1, 0.1), abs=1e-12)
+
+
+def test_the_surface_of_a_height_field_is_drawn(tmp_path):
+    """Its area along z is that of the field, its heights at grid points are those of the field."""
+    heights = np.random.default_rng(4).uniform(0.0, 1.0, (ROWS, COLUMNS))
+    system = prepare(scenario(tmp_path, field(heights), (0, 0, 2), (0, 0, 0))).system
+    (ground,) = [shape for shape in shapes(system) if shape.name == "ground"]
+    a, b, c = ground.vertices[ground.triangles].swapaxes(0, 1)
+    assert 0.5 * np.cross(b - a, c - a)[:, 2].sum() == pytest.approx(4.0 * SIZE[0] * SIZE[1], rel=1e-14)
+    shares = (heights - heights.min()) / np.ptp(heights)
+    assert set(np.round(ground.vertices[:, 2], 12)) == set(np.round(SIZE[2] * shares.ravel(), 12))
 
 
 ROOF = np.array([[-1.0, -1, 0], [0, -1, 0.5], [1, -1, 0], [-1, 1, 0], [0, 1, 0.5], [1, 1, 0]])
