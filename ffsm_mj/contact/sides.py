@@ -97,6 +97,10 @@ class Side:
         self.radii: FloatArray = np.array([piece.radius for piece in pieces])
 
     @cached_property
+    def _polytopes(self) -> frozenset[int]:
+        return frozenset(piece.number for piece in self.pieces if piece.polytope is not None)
+
+    @cached_property
     def most_vertices(self) -> int:
         """Largest number of vertices of a part; 0 without parts."""
         return max((len(piece.part.polytope.vertices) for piece in self.pieces if piece.part is not None), default=0)
@@ -127,19 +131,20 @@ class Side:
         one, two = self._rods.get(piece.number), self._rods.get(other.number)
         return one is not None and two is not None and one.run == two.run
 
-    def face(self, face: Face, piece: Piece, place: Vector) -> Face:
+    def face(self, face: Face, piece: Piece, place: Vector, among: frozenset[int]) -> Face:
         """A face of a piece with the outline of that of the union; axes of the body.
 
         Args:
             face: The face of the piece.
             piece: The piece.
             place: A point on it.
+            among: Numbers of the pieces that count.
         """
         if piece.polytope is None:
             return face
         assert self.solid is not None
         k = int(np.argmax(piece.polytope.normals @ face.normal))
-        united = self.solid.faces.at(self.solid.planes[piece.number][k])
+        united = self.solid.faces_of(among & self._polytopes).at(self.solid.planes[piece.number][k])
         region = max(united, key=lambda one: one.inside(np.array(place)))
         x, y, z = (region.offset * region.normal).tolist()
         a, b, c = region.normal.tolist()

@@ -132,6 +132,7 @@ class UnionPair(ContactPair):
 
     Attributes:
         sides: The rigid bodies a and b.
+        of_rule: Numbers of the pieces of each that the rule names.
         joined: Pairs of pieces that touch at the start of a step while persistent contact holds the pair: these are
             watched by their contact points, all others by their distance.
         closed_patches: Patches that persistent contact holds.
@@ -167,6 +168,7 @@ class UnionPair(ContactPair):
         self.body_a, self.body_b = (side.body for side in sides)
         self.position_tolerance = 0.0
         self._allowed = np.array([[(a.geom, b.geom) in self._geoms for b in sides[1].pieces] for a in sides[0].pieces])
+        self.of_rule = tuple(frozenset(np.flatnonzero(self._allowed.any(axis=k)).tolist()) for k in (1, 0))
         self._known: dict[int, PiecePair] = {}
         a, b = sides
         self._radii = a.radius_about(first[0]), b.radius_about(first[1])

@@ -128,7 +128,8 @@ def _united(feature: GapFunction, data: Any, pair: PiecePair) -> GapFunction:
         if isinstance(core, Face) and core.sides:
             motion = core.body.motion(data)
             x, y, z = point
-            cores.append(side.face(core, piece, motion.local(minus((x, y, z), motion.origin))))
+            among = pair.union.of_rule[pair.union.sides.index(side)]
+            cores.append(side.face(core, piece, motion.local(minus((x, y, z), motion.origin)), among))
         else:
             cores.append(side.edge(core, piece) if isinstance(core, Line) else core)
     arguments: tuple[Any, ...] = (name, swapped, *cores, *rest)

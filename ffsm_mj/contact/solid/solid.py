@@ -7,6 +7,7 @@ Planes are made common at once. Features are evaluated where they are asked for,
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -40,6 +41,7 @@ class Solid:
         self._welded = weld(pieces, weld_m, sources)
         self.pieces, self.planes, self.report = self._welded.pieces, self._welded.planes, self._welded.report
         self.tolerance = max(weld_m, MERGED_M)
+        self._parts: dict[frozenset[int], UnionFaces] = {}
 
     @cached_property
     def tree(self) -> BoxTree:
@@ -50,6 +52,15 @@ class Solid:
     def faces(self) -> UnionFaces:
         """Its faces, by plane and sense."""
         return UnionFaces(self._welded, self.tolerance)
+
+    def faces_of(self, pieces: frozenset[int]) -> UnionFaces:
+        """Faces of some pieces alone, as those that one contact rule names: another one ends at their outline."""
+        if len(pieces) == len(self.pieces):
+            return self.faces
+        if pieces not in self._parts:
+            planes = tuple(of if k in pieces else () for k, of in enumerate(self.planes))
+            self._parts[pieces] = UnionFaces(replace(self._welded, planes=planes), self.tolerance)
+        return self._parts[pieces]
 
     @cached_property
     def edges(self) -> UnionEdges:
