@@ -12,6 +12,8 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 
 Point = Sequence[float] | FloatArray
+_ROUNDING_M = 1e-12
+"""Coordinates of one column differ by rounding, a thousandth of this at 1 m: by more, their order decides what is convex."""
 _SAMPLES_PER_EDGE = 4
 """Points per edge of a facet of the hull."""
 _MOST_SAMPLES = 400
@@ -31,7 +33,7 @@ def hull(points: FloatArray, *, merge: float = 0.0, straight: float = 0.0) -> Fl
     """
     distinct: list[tuple[float, ...]] = sorted(set(map(tuple, points.tolist())))
     if merge > 0.0:
-        distinct = _in_columns(_merged(distinct, merge), merge)
+        distinct = _in_columns(_merged(distinct, merge), min(merge, _ROUNDING_M))
     if len(distinct) < 3:
         return np.array(distinct)
     span = float(np.max(np.ptp(distinct, axis=0)))

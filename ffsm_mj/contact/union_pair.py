@@ -32,7 +32,7 @@ from ffsm_mj.contact.shape import Shape
 from ffsm_mj.contact.sides import Piece, Side
 from ffsm_mj.model.system import System
 from ffsm_mj.state import StateError, entries
-from ffsm_mj.tolerances import CLOSED_RATE, CONTACT_GAP_M, DISTANCE_QUERY_M, PARALLEL, RATE
+from ffsm_mj.tolerances import CLOSED_RATE, CONTACT_GAP_M, DISTANCE_QUERY_M, MERGED_M, PARALLEL, RATE
 
 _AT_POINT_M = 2.0 * CONTACT_GAP_M
 """Pieces within this of a contact point meet there: the point is midway of a gap of CONTACT_GAP_M, on faces that the
@@ -344,20 +344,25 @@ class UnionPair(ContactPair):
         for pair, near in touching:
             for point in near.points:
                 for normal, owner in self._normals(model, data, pair, near, point):
-                    level = float(normal @ point)
-                    group = next((one for one in groups if one.has(normal, level)), None)
+                    group = next((one for one in groups if one.has(normal, point)), None)
                     if group is None:
-                        groups.append(group := _Group(normal, level, [], []))
+                        groups.append(group := _Group(float(normal @ point), [], [], []))
+                    group.normals.append(normal)
                     group.points.append(point)
                     group.owners.append(owner)
         return tuple(self._patch(model, data, group) for group in groups)
 
     def _patch(self, model: Any, data: Any, group: _Group) -> UnionProximity:
         """The patch of some points with one normal: corners of their hull, so that seams and covered edges leave none."""
-        normal, pieces = group.normal, tuple(dict.fromkeys(group.owners))
+        pieces = tuple(dict.fromkeys(group.owners))
+        shapes = [pair.shapes(model, data) for pair in pieces]
+        # A face that lands on several pieces has the normal of either side to rounding: as of two geoms, the one that parts
+        # them best is that of all its points.
+        gap, normal = max(
+            ((min(separation(*both, one) for both in shapes), one) for one in group.distinct()), key=lambda pair: pair[0]
+        )
         places = corners_across(np.array(group.points), normal)
         points, owners = np.array(group.points)[places], tuple(group.owners[i] for i in places)
-        gap = min(separation(*pair.shapes(model, data), normal) for pair in pieces)
         rates, tolerance = self._rates(data, normal, points)
         rounding = gap_rounding(points)
         turned = np.round(normal @ data.xmat[self.body_b].reshape(3, 3), 6) + 0.0
@@ -493,16 +498,25 @@ def _nothing() -> None:
 
 @dataclass
 class _Group:
-    """Points with one normal in one plane, each with its pair of pieces."""
+    """Points of one patch, each with its normal and pair of pieces."""
 
-    normal: FloatArray
     level: float
+    normals: list[FloatArray]
     points: list[FloatArray]
     owners: list[PiecePair]
 
-    def has(self, normal: FloatArray, level: float) -> bool:
-        """Whether a point with a normal, at a level along it in m, belongs to it."""
-        return math.dist(self.normal, normal) <= _ONE_NORMAL and abs(self.level - level) <= 10.0 * CONTACT_GAP_M
+    def has(self, normal: FloatArray, point: FloatArray) -> bool:
+        """Whether a point belongs to it: its normal is parallel, and it is in the plane of the others."""
+        first = self.normals[0]
+        return math.dist(first, normal) <= PARALLEL and abs(self.level - float(first @ point)) <= 10.0 * CONTACT_GAP_M
+
+    def distinct(self) -> list[FloatArray]:
+        """Its normals, each once."""
+        kept: list[FloatArray] = []
+        for normal in self.normals:
+            if all(math.dist(normal, other) > MERGED_M for other in kept):
+                kept.append(normal)
+        return kept
 
 
 def _levelled(
