@@ -39,6 +39,8 @@ _AT_POINT_M = 2.0 * CONTACT_GAP_M
 weld has made one."""
 _QUERY_M = 1e-3
 """Limit of queries that look for pieces in contact: a small limit ends a query early."""
+_TURNED = 1e-4
+"""Normals of a contact point that is held and of the patch that is found there differ by less: in a corner by much more."""
 _ONE_NORMAL = 1e-9
 """Unit normals that differ by less are one: those of coplanar faces of one body differ by rounding."""
 
@@ -135,7 +137,6 @@ class UnionPair(ContactPair):
         of_rule: Numbers of the pieces of each that the rule names.
         joined: Pairs of pieces that touch at the start of a step while persistent contact holds the pair: these are
             watched by their contact points, all others by their distance.
-        closed_patches: Patches that persistent contact holds.
         left: Counts the times at which pieces ceased to be joined.
         on_left: Called then.
         is_beside: Whether the bodies may touch beside the face on which they lie flat.
@@ -173,7 +174,7 @@ class UnionPair(ContactPair):
         a, b = sides
         self._radii = a.radius_about(first[0]), b.radius_about(first[1])
         self.joined: frozenset[int] = frozenset()
-        self.closed_patches: frozenset[str] = frozenset()
+        self._closed: tuple[Feature, ...] = ()
         self.left = 0
         self.on_left: Callable[[], None] = _nothing
         self._face: Feature | None = None
@@ -276,10 +277,10 @@ class UnionPair(ContactPair):
         """Pairs of pieces that are joined."""
         return [self.piece_pair(k) for k in sorted(self.joined)]
 
-    def hold(self, patches: Collection[str]) -> None:
-        """Note the patches that persistent contact holds: what is joined follows from them at the next step."""
-        if self.closed_patches != frozenset(patches):
-            self.closed_patches, self.joined = frozenset(patches), frozenset()
+    def hold(self, features: Sequence[Feature]) -> None:
+        """Note the contact points that persistent contact holds: what is joined follows from them at the next step."""
+        if self._closed != (closed := tuple(features)):
+            self._closed, self.joined = closed, frozenset()
             self._leave()
 
     def _leave(self) -> None:
@@ -298,7 +299,12 @@ class UnionPair(ContactPair):
     def _goes_on(self, pair: PiecePair, model: Any, data: Any) -> bool:
         """Whether the contact of two pieces is in a patch that is held."""
         near = pair.proximity(model, data)
-        return isinstance(near, UnionProximity) and near.patch in self.closed_patches
+        return isinstance(near, UnionProximity) and self._is_closed(near, data)
+
+    def _is_closed(self, near: UnionProximity, data: Any) -> bool:
+        """Whether persistent contact holds a point of the normal of a patch."""
+        # By the normals of now: they turn with a, with b or with neither, as faces and edges meet.
+        return any(math.dist(feature.at(data).normal, near.normal) <= _TURNED for feature in self._closed)
 
     def lie_on(self, face: Feature | None) -> None:
         """Note a corner on the face on which the bodies lie flat; None: they do not."""
@@ -330,9 +336,7 @@ class UnionPair(ContactPair):
         """Proximity of two pieces that touch, with the normals of the unions: the patch that approaches fastest."""
         # Gaps of a patch that is held drift by the truncation error of a step: that is no approach.
         patches = [
-            replace(near, rate_tolerance=CLOSED_RATE / RATE * near.rate_tolerance)
-            if near.patch in self.closed_patches
-            else near
+            replace(near, rate_tolerance=near.rate_tolerance * (CLOSED_RATE / RATE if self._is_closed(near, data) else 1.0))
             for near in self._patches(model, data, [(pair, alone)])
         ]
         # A point at which pieces of another rule decide is no contact here.

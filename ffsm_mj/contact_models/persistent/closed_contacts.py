@@ -288,7 +288,7 @@ class ClosedContacts:
         self.clearance.set_pairs(self.by_pair)
         for pair, contact_points in self.by_pair.items():
             if isinstance(pair, UnionPair):
-                pair.hold({contact.patch for contact in contact_points})
+                pair.hold([contact.feature for contact in contact_points])
         self._tilts.set_closed(self.contact_points)
 
     def add_closed(self, pair: UnilateralConstraint, patches: Sequence[tuple[Proximity, float]]) -> None:
@@ -498,9 +498,9 @@ class ClosedContacts:
         """Features other than the contact points, by which closed pairs overlap."""
         return self.clearance.overlapping_features(self.gaps_of)
 
-    def states_of(self, pair: UnilateralConstraint, patch: str) -> list[FeatureState]:
-        """States of the contact points of a patch of a closed pair."""
-        return [contact.feature.at(self.data) for contact in self.by_pair.get(pair, ()) if contact.patch == patch]
+    def states_of(self, pair: UnilateralConstraint) -> list[tuple[ContactPoint, FeatureState]]:
+        """Contact points of a closed pair with their states."""
+        return [(contact, contact.feature.at(self.data)) for contact in self.by_pair.get(pair, ())]
 
     def pairs_outside_feature(self) -> list[UnilateralConstraint]:
         """Pairs with a contact point outside its feature."""

@@ -39,12 +39,13 @@ from ffsm_mj.contact.broad_phase import BroadPhase
 from ffsm_mj.contact.features.gap_function import FeatureState
 from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint, by_kind
 from ffsm_mj.contact.proximity import Proximity, SecondRate
+from ffsm_mj.contact.union_pair import UnionProximity
 from ffsm_mj.contact_models.impact.friction.result import tangents
 from ffsm_mj.contact_models.impact.laws import least_norm, project
 from ffsm_mj.contact_models.impact.resolution import Contact, LimitContact, as_contact, contact_jacobian, contact_rows
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.closed_contacts import ClosedContacts
-from ffsm_mj.contact_models.persistent.closing import closed_and_still, closed_rate_tolerance, patch_of
+from ffsm_mj.contact_models.persistent.closing import closed_and_still, closed_rate_tolerance
 from ffsm_mj.contact_models.persistent.columns import force_key, state_key
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.friction.cones import cone_depth
@@ -68,6 +69,9 @@ _SLIPS_M_S = 1e-6
 _ROUNDINGS = 10.0
 """A gap closes, or a force pulls, where it accelerates the gap by more than its rounding times this; a slip has a direction
 of its own where it differs from that of the replay by more than the rounding of slips times this."""
+_CORNER = 1e-2
+"""Normals of a patch and of its contact points differ by less than this, along round sides that lean too; in a corner by
+more."""
 _FIRST_ROW = np.array((1.0, 0.0, 0.0))
 _LIFTS_M_S = 1e-3
 """A closed point without force that lifts off stays listed up to DRIFT_M: at 1000 m/s^2 it has this speed there."""
@@ -263,13 +267,18 @@ def _same_point(closed: ClosedContacts, point: PointAgain) -> ContactPoint | Non
     if point.pair.is_limit:
         return next(iter(closed.by_pair.get(point.pair, ())), None)
     apart = [
-        (math.dist(contact.feature.at(closed.data).point, point.point), i, contact)
-        for i, contact in enumerate(closed.by_pair.get(point.pair, ()))
-        if contact.patch == patch_of(point.near)
+        (math.dist(state.point, point.point), i, contact)
+        for i, (contact, state) in enumerate(closed.states_of(point.pair))
+        if _is_along(state, point.near)
     ]
     nearest = min(apart, default=None)
     # Support functions and features place the corners of a mesh by different numbers of single precision.
     return nearest[-1] if nearest is not None and nearest[0] <= SAME_POINT_M else None
+
+
+def _is_along(state: FeatureState, near: Proximity) -> bool:
+    """Whether a contact point is of a patch: in a corner of unions points of several normals are at one place."""
+    return not isinstance(near, UnionProximity) or math.dist(state.normal, near.normal) <= _CORNER
 
 
 class ForceCheck:
@@ -341,6 +350,10 @@ class ForceCheck:
             if closed_and_still(seen, _LIFTS_M_S if lasts else near.rate_tolerance):
                 yield near
 
+    def _states_of(self, pair: UnilateralConstraint, near: Proximity) -> list[FeatureState]:
+        """States of the contact points of a patch in the replay."""
+        return [state for _, state in self._closed_set.states_of(pair) if pair.is_limit or _is_along(state, near)]
+
     def _resultants(
         self, touching: Sequence[tuple[UnilateralConstraint, Proximity]], motion: Motion
     ) -> tuple[dict[UnilateralConstraint, FloatArray], float]:
@@ -351,7 +364,7 @@ class ForceCheck:
         points = [
             (pair, proximity, point)
             for pair, near in touching
-            for proximity, point in _points_with_normals(pair, near, self._closed_set.states_of(pair, patch_of(near)))
+            for proximity, point in _points_with_normals(pair, near, self._states_of(pair, near))
         ]
         if not points:
             return {}, 0.0
