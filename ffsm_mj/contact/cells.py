@@ -20,7 +20,6 @@ from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
-from scipy.optimize import nnls
 
 from ffsm_mj.arrays import FloatArray
 
@@ -30,9 +29,17 @@ _MOST_TERMS = 256
 """Terms of a disjunction that are expanded; two pieces meet at a point in a handful."""
 
 
+def nnls(columns: FloatArray, target: FloatArray) -> tuple[FloatArray, float]:
+    """Non-negative shares of columns that come nearest to a target, and what is left of it."""
+    from scipy.optimize import nnls as solve  # takes long to import: only contacts of unions pay
+
+    shares, left = solve(columns, target)
+    return shares, float(left)
+
+
 def in_cone(rays: FloatArray, vector: FloatArray, tolerance: float = _SAME) -> bool:
     """Whether a unit vector is a combination of some rays, (k, 3), with no negative share."""
-    return len(rays) > 0 and float(nnls(rays.T, vector)[1]) <= tolerance
+    return len(rays) > 0 and nnls(rays.T, vector)[1] <= tolerance
 
 
 def separating_normals(normals_a: FloatArray, normals_b: FloatArray) -> FloatArray:

@@ -171,7 +171,7 @@ def test_a_ball_in_a_v_wedges_if_the_cones_contain_the_line_between_its_contacts
     run = ffsm_mj.run(in_a_v(tmp_path, mu, math.radians(30.0), (0.0, -1.0)))
     assert [record.friction for record in run.records["contact_beginnings"]] == [
         "sticking, wedged" if wedged else "sticking"
-    ] * 2
+    ]
 
 
 def test_shares_of_equal_springs_that_leave_the_cones_are_replaced(tmp_path):

@@ -299,12 +299,13 @@ def test_shares_have_the_effect_are_inside_the_cones_and_of_least_norm():
 def test_a_ball_pressed_into_a_v_is_logged_with_forces_on_its_cones(tmp_path):
     """Half-angle 30 degrees, mu = 0.5, 1 N: equal springs give t / n = 1.73; inside the cones the least norm has t = n / 2.
 
-    Along the load n sin 30 + t cos 30 = 1/2 at each side.
+    Along the load n sin 30 + t cos 30 = 1/2 at each side. Both sides are one body: friction is the sum of both, along the
+    load.
     """
     run = proved(ffsm_mj.run(in_a_v(tmp_path, 0.5, math.radians(30.0), (0.0, -1.0))))
     normal = 0.5 / (0.5 + 0.5 * math.sqrt(0.75))
-    np.testing.assert_allclose(run["contact.groove_friction_N"], normal, rtol=1e-8)
-    np.testing.assert_allclose(run["contact.groove_force_N"], 2.0 * normal * math.hypot(1.0, 0.5), rtol=1e-8)
+    np.testing.assert_allclose(run["contact.groove_friction_N"], normal * math.sqrt(0.75), rtol=1e-8)
+    np.testing.assert_allclose(run["contact.groove_force_N"], 1.0, rtol=1e-8)
 
 
 def failures(log):
