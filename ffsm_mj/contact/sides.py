@@ -24,7 +24,7 @@ from ffsm_mj.contact.solid.solid import Solid
 from ffsm_mj.contact.solid.tree import BoxTree
 from ffsm_mj.model.system import System
 from ffsm_mj.polytope import Polytope, box, hull_of
-from ffsm_mj.tolerances import MERGED_M, MESH_PRECISION
+from ffsm_mj.tolerances import FEATURE_BOUND_M, MERGED_M, MESH_PRECISION
 
 _BOX, _MESH = int(mujoco.mjtGeom.mjGEOM_BOX), int(mujoco.mjtGeom.mjGEOM_MESH)
 _CAPSULE, _CYLINDER = int(mujoco.mjtGeom.mjGEOM_CAPSULE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)
@@ -152,8 +152,14 @@ class Side:
             return replace(face, centre=(x, y, z), normal=(a, b, c), sides=region.sides)
         return RegionFace(face.name, face.body, (x, y, z), (a, b, c), (), region=region)
 
-    def edge(self, line: Line, piece: Piece) -> Line:
-        """An edge of a piece, or a round side, as far as it is one of the union; axes of the body."""
+    def edge(self, line: Line, piece: Piece, place: Vector) -> Line:
+        """An edge of a piece, or a round side, as far as it is one of the union; axes of the body.
+
+        Args:
+            line: The edge of the piece.
+            piece: The piece.
+            place: A point on it: where other pieces meet the edge, several edges of the union are on its line.
+        """
         if line.radius > 0.0 and piece.number in self._rods:
             return _along(line, self._rods[piece.number].whole)
         if piece.polytope is None or line.radius > 0.0:
@@ -161,9 +167,11 @@ class Side:
         assert self.solid is not None
         for edge in self.solid.edges.of(piece.number):
             offset = np.array(line.centre) - edge.start
-            along = float(offset @ edge.direction)
-            apart = float(np.linalg.norm(offset - along * edge.direction))
-            if apart <= self.solid.tolerance and 0.0 <= along <= (length := float((edge.end - edge.start) @ edge.direction)):
+            apart = float(np.linalg.norm(offset - float(offset @ edge.direction) * edge.direction))
+            along = float((np.array(place) - edge.start) @ edge.direction)
+            length = float((edge.end - edge.start) @ edge.direction)
+            # A contact point may be beyond the end of its edge by the bound of features.
+            if apart <= self.solid.tolerance and -FEATURE_BOUND_M <= along <= length + FEATURE_BOUND_M:
                 x, y, z = (edge.start + 0.5 * length * edge.direction).tolist()
                 sense = math.copysign(1.0, float(edge.direction @ line.direction))
                 a, b, c = (sense * edge.direction).tolist()

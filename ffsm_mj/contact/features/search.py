@@ -122,16 +122,16 @@ def _united(feature: GapFunction, data: Any, pair: PiecePair) -> GapFunction:
     """
     name, swapped, first, second, *rest = feature.arguments
     sides = pair.union.sides[:: -1 if swapped else 1]
-    pieces, point = pair.pieces[:: -1 if swapped else 1], feature.at(data).point.tolist()
+    pieces, (x, y, z) = pair.pieces[:: -1 if swapped else 1], feature.at(data).point.tolist()
     cores: list[Core] = []
     for core, side, piece in zip((first, second), sides, pieces, strict=True):
+        motion = core.body.motion(data)
+        place = motion.local(minus((x, y, z), motion.origin))
         if isinstance(core, Face) and core.sides:
-            motion = core.body.motion(data)
-            x, y, z = point
             among = pair.union.of_rule[pair.union.sides.index(side)]
-            cores.append(side.face(core, piece, motion.local(minus((x, y, z), motion.origin)), among))
+            cores.append(side.face(core, piece, place, among))
         else:
-            cores.append(side.edge(core, piece) if isinstance(core, Line) else core)
+            cores.append(side.edge(core, piece, place) if isinstance(core, Line) else core)
     arguments: tuple[Any, ...] = (name, swapped, *cores, *rest)
     united = type(feature)(*arguments)
     united.set_state(feature.get_state())

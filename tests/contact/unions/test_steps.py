@@ -200,3 +200,22 @@ def test_a_slider_in_a_slot(tmp_path, rates, normals):
     run = sound(ffsm_mj.run(path))
     assert struck(run) == normals
     assert place(run, "y_m")[-1] == pytest.approx(-0.27 + 0.3 * 0.3, abs=1e-11)
+
+
+def test_bars_that_meet_an_edge_leave_the_rest_of_it_as_it_is(tmp_path):
+    """A cube stands by its lower edge on the edge of a bar, beyond two others that end flush with it on its side.
+
+    The others cut the edge into three: nothing of it may change where the cube stands, 18 cm from the next one.
+    """
+    slope, half_turn = 0.3, math.pi / 8.0
+    edge, up = np.array((0.0, math.cos(slope), -math.sin(slope))), np.array((0.0, math.sin(slope), math.cos(slope)))
+    # The middle above the contact point: 0.1 sqrt(2) above the lower edge of the cube, and back along that.
+    middle = np.array((0.3, 0.0, 0.0)) + 0.1 * math.sqrt(2.0) * (up - math.tan(slope) * edge)
+    c, s, u, v = math.cos(0.5 * slope), -math.sin(0.5 * slope), math.cos(half_turn), math.sin(half_turn)
+    keys = {"joints": [*middle, c * u, s * u, c * v, s * v], "mu": 1.0, "duration_s": 0.1}
+    bar = ((-0.5, -0.2, -0.1), (0.5, 0.0, 0.0))
+    others = [((x - 0.02, 0.0, -0.1), (x + 0.02, 0.3, 0.0)) for x in (-0.1, 0.1)]
+    alone = ffsm_mj.run(on(tmp_path / "alone", CUBE, fixed(geoms([bar])), **keys))
+    run = sound(ffsm_mj.run(on(tmp_path / "joined", CUBE, fixed(geoms([bar, *others])), **keys)))
+    assert [record.mode for record in run.records["contact_beginnings"]] == ["edge on edge"]
+    assert [*differences(alone, run, 1e-9)] == []
