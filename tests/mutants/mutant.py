@@ -13,7 +13,8 @@ A mutant is a YAML file of this folder::
         by: other text
 
 ``ends_with: 3`` in place of ``caught_by`` is the exit code of a run that does not come to its end, ``cannot: reason`` says
-why no check sees it; every check then passes.
+why no check sees it; every check then passes. ``test: tests/...::test_...`` in place of a scene is a test that fails, for
+mistakes of geometry that a run makes in agreement with itself.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from pathlib import Path
 from shutil import copy2, copytree
 from typing import Any
 
+import pytest
 from ruamel.yaml import YAML
 
 from hatch_build import CORE, build
@@ -51,6 +53,14 @@ if code not in (0, 1, 5):
     sys.exit(code)
 sys.exit(main(["analyze", folder, "--json"]))
 """
+# The package is imported before pytest puts the folder of the tests, which has another one, in front of all paths.
+_TEST = """
+import sys
+import ffsm_mj, pytest
+product, root, test = sys.argv[1:]
+assert ffsm_mj.__file__.startswith(product), ffsm_mj.__file__
+sys.exit(pytest.main(["-n", "0", "-q", "--long", "-p", "no:cacheprovider", "--rootdir", root, f"{root}/{test}"]))
+"""
 
 
 @dataclass(frozen=True)
@@ -74,17 +84,20 @@ class Mutant:
 
     name: str
     wrong: str
-    scene: str
     patch: tuple[Edit, ...]
+    scene: str = ""
+    test: str = ""
     caught_by: tuple[str, ...] = ()
     ends_with: int = 0
     cannot: str = ""
 
     @property
     def seen_by(self) -> str:
-        """The checks that see it, how the run ends, or why none does."""
+        """The checks that see it, how the run ends, why none does, or the test that fails."""
         if self.ends_with:
             return f"the run, which ends with exit code {self.ends_with}"
+        if self.test:
+            return f"`{self.test}`"
         return ", ".join(f"*{check}*" for check in self.caught_by) or f"none: {self.cannot}"
 
     def apply(self, product: Path) -> None:
@@ -107,8 +120,8 @@ def _read(path: Path) -> Mutant:
     data: dict[str, Any] = YAML(typ="safe", pure=True).load(path)
     data |= {"patch": tuple(Edit(**edit) for edit in data["patch"]), "caught_by": tuple(data.get("caught_by", ()))}
     mutant = Mutant(path.stem, **data)
-    ways = sum(map(bool, (mutant.caught_by, mutant.ends_with, mutant.cannot)))
-    assert ways == 1, f"{path.name}: needs one of 'caught_by', 'ends_with' and 'cannot'"
+    ways = sum(map(bool, (mutant.caught_by, mutant.ends_with, mutant.cannot, mutant.test)))
+    assert ways == 1, f"{path.name}: needs one of 'caught_by', 'ends_with', 'cannot' and 'test'"
     return mutant
 
 
@@ -136,11 +149,7 @@ def failing_checks(product: Path, scene: str, folder: Path) -> tuple[int, set[st
     """
     folder.mkdir()
     scenario = getattr(scenes, scene)(folder)
-    path = os.pathsep.join((str(product), str(product / "controllers")))
-    environment = {**os.environ, "PYTHONPATH": path}
-    environment.pop("PYTHONPYCACHEPREFIX", None)  # the copy has bytecode of its own
-    command = [sys.executable, "-c", _RUN_AND_ANALYZE, str(product), str(scenario), str(folder / "run")]
-    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    done = _python(_RUN_AND_ANALYZE, product, folder, str(scenario), str(folder / "run"))
     if not done.stdout and done.returncode > 1:
         return done.returncode, set()
     assert done.stdout, done.stderr
@@ -149,3 +158,20 @@ def failing_checks(product: Path, scene: str, folder: Path) -> tuple[int, set[st
     failing = {check["check"] for check in result["checks"] if not check["passes"] and not check["fails_by_truncation"]}
     compared = result["states"]["worst"].items()
     return done.returncode, failing | {REPLAY[part] for part, one in compared if not one["difference"] <= one["allowed"]}
+
+
+def passes(product: Path, test: str, folder: Path) -> bool:
+    """Whether a test passes with a copy of the product; it must run."""
+    folder.mkdir()
+    done = _python(_TEST, product, folder, str(ROOT), test)
+    assert done.returncode in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED), done.stdout + done.stderr
+    return done.returncode == pytest.ExitCode.OK
+
+
+def _python(program: str, product: Path, folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run a program, whose first argument is the product, with a copy of the product."""
+    path = os.pathsep.join((str(product), str(product / "controllers")))
+    environment = {**os.environ, "PYTHONPATH": path}
+    environment.pop("PYTHONPYCACHEPREFIX", None)  # the copy has bytecode of its own
+    command = [sys.executable, "-c", program, str(product), *arguments]
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)

@@ -8,7 +8,7 @@ from shutil import copytree
 
 import pytest
 
-from tests.mutants.mutant import ROOT, Mutant, copy_product, failing_checks, link, mutants
+from tests.mutants.mutant import ROOT, Mutant, copy_product, failing_checks, link, mutants, passes
 
 PAGE = ROOT / "docs" / "checks.md"
 MUTANTS = mutants()
@@ -28,6 +28,9 @@ def test_a_mistake_is_seen(mutant: Mutant, product: Path, tmp_path: Path):
     """Or the page says why no check sees it, and then none does."""
     copy = copytree(product, tmp_path / "product", copy_function=link)
     mutant.apply(copy)
+    if mutant.test:
+        assert not passes(copy, mutant.test, tmp_path / "run")
+        return
     code, failing = failing_checks(copy, mutant.scene, tmp_path / "run")
     if mutant.cannot or mutant.ends_with:
         assert (code, failing) == (mutant.ends_with, set())
@@ -37,9 +40,15 @@ def test_a_mistake_is_seen(mutant: Mutant, product: Path, tmp_path: Path):
 
 
 @pytest.mark.long(by_turns=True)
-@pytest.mark.parametrize("scene", sorted({each.scene for each in MUTANTS}))
+@pytest.mark.parametrize("scene", sorted({each.scene for each in MUTANTS if each.scene}))
 def test_without_mistakes_every_check_passes(scene, product, tmp_path):
     assert failing_checks(product, scene, tmp_path / "run") == (0, set())
+
+
+@pytest.mark.long(by_turns=True)
+@pytest.mark.parametrize("test", sorted({each.test for each in MUTANTS if each.test}))
+def test_without_mistakes_every_test_passes(test, product, tmp_path):
+    assert passes(product, test, tmp_path / "run")
 
 
 @pytest.mark.parametrize("mutant", MUTANTS, ids=[each.name for each in MUTANTS])
