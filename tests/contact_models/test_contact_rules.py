@@ -14,6 +14,7 @@ from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError
 from ffsm_mj.replay import replay_log
+from tests.contact.unions.judge import OF_ORDER
 from tests.replays import assert_passes
 from tests.scenes import HEAD, scene
 
@@ -62,18 +63,24 @@ def fallen(tmp_path_factory):
     return ffsm_mj.run(table(tmp_path_factory.mktemp("fallen") / "a"))
 
 
+@pytest.fixture(scope="module")
+def apart(tmp_path_factory):
+    """The same with a rule for each pair of geoms."""
+    rules = [{"between": [geom, slab], "restitution": 0.3} for geom in ("foot", *PLACES) for slab in ("left", "right")]
+    return ffsm_mj.run(table(tmp_path_factory.mktemp("apart") / "b", {"rules": rules}))
+
+
 def test_default_contacts_resolve_every_geom_that_collides(fallen):
-    """Four feet, a plate and two slabs, ten pairs in one rule; the shell, which collides with nothing, passes through."""
+    """Four feet and a plate on two slabs that touch: one pair; the shell, which collides with nothing, passes through."""
     assert_passes(fallen)
     assert not fallen.unhandled_contacts
     assert {record.rule for record in fallen.impacts} == {"robot-floor"}
     feet = {record.geoms[0] for record in fallen.impacts}
     assert feet == {"robot/foot", *(f"robot/{name}" for name in PLACES[1:])}
-    assert all(
-        record.pair == "-".join(record.geoms).replace("robot/", "").replace("floor/", "") for record in fallen.impacts
-    )
-    # At rest on four feet: 4 kg at 2 m/s^2, shared by four closed pairs.
-    assert fallen["contact.robot_floor_pairs"][-1] == 4
+    assert {record.geoms[1] for record in fallen.impacts} == {"floor/left", "floor/right"}
+    assert {record.pair for record in fallen.impacts} == {"robot-floor"}
+    # At rest on four feet: 4 kg at 2 m/s^2.
+    assert fallen["contact.robot_floor_pairs"][-1] == 1
     assert fallen["contact.robot_floor_force_N"][-1] == pytest.approx(8.0, rel=1e-6)
     assert fallen["contact.robot_floor_force_z_N"][-1] == pytest.approx(-8.0, rel=1e-6)  # on the floor
     centre = [fallen[f"contact.robot_floor_centre_{axis}_m"][-1] for axis in "xy"]
@@ -86,23 +93,22 @@ def test_default_contacts_resolve_every_geom_that_collides(fallen):
     assert np.flatnonzero(np.diff(falling)).tolist() == list(range(4, len(falling) - 1, 5))
 
 
-def test_a_rule_of_many_pairs_is_the_physics_of_rules_of_one_pair_each(fallen, tmp_path):
-    """Bit by bit: rules decide columns and coefficients, not the motion."""
-    geoms = ["foot", *PLACES]
-    rules = [{"between": [geom, slab], "restitution": 0.3} for geom in geoms for slab in ("left", "right")]
-    apart = ffsm_mj.run(table(tmp_path / "b", {"rules": rules}))
+def test_a_rule_of_many_pairs_is_the_physics_of_rules_of_one_pair_each(fallen, apart):
+    """Rules decide columns and coefficients, not the motion, but for the order of sums, whose rounding impacts pass on."""
+    allowed = OF_ORDER * (1 + len(fallen.impacts))
     shared = [key for key in fallen.keys if not key.startswith("contact.")]
     for key in shared:
-        np.testing.assert_array_equal(fallen[key], apart[key], err_msg=key)
-    assert [(r.time_s, r.geoms, r.impulse_N_s) for r in fallen.impacts] == [
-        (r.time_s, r.geoms, r.impulse_N_s) for r in apart.impacts
-    ]
-    forces = sum(apart[f"contact.{name}_force_N"] for name in names_of(apart))
-    np.testing.assert_allclose(fallen["contact.robot_floor_force_N"], forces, rtol=1e-12)
-    impulses = sum(apart[f"contact.{name}_impulse_N_s"] for name in names_of(apart))
-    np.testing.assert_allclose(fallen["contact.robot_floor_impulse_N_s"], impulses, rtol=1e-12)
+        np.testing.assert_allclose(fallen[key], apart[key], rtol=allowed, atol=allowed, err_msg=key)
+    # Contacts of one instant have no order.
+    ours, theirs = (sorted(run.impacts, key=lambda r: (round(r.time_s, 9), r.geoms)) for run in (fallen, apart))
+    assert [r.geoms for r in ours] == [r.geoms for r in theirs]
+    for one, other in zip(ours, theirs, strict=True):
+        assert (one.time_s, one.impulse_N_s) == pytest.approx((other.time_s, other.impulse_N_s), abs=allowed)
+    for column in ("force_N", "impulse_N_s"):
+        every = sum(apart[f"contact.{name}_{column}"] for name in names_of(apart))
+        np.testing.assert_allclose(fallen[f"contact.robot_floor_{column}"], every, rtol=allowed, atol=allowed)
     smallest = np.min([apart[f"contact.{name}_gap_m"] for name in names_of(apart)], axis=0)
-    np.testing.assert_array_equal(fallen["contact.robot_floor_gap_m"], smallest)
+    np.testing.assert_allclose(fallen["contact.robot_floor_gap_m"], smallest, atol=allowed)
 
 
 def names_of(run):
@@ -114,7 +120,7 @@ def test_a_replay_agrees_and_starts_again_after_any_gap(fallen):
     """Of the pairs of a rule, columns say only how many are closed; records say which."""
     assert replay_log(fallen.log).agrees
     log, count = fallen.log, len(fallen.log.rows)
-    closed = np.flatnonzero(fallen["contact.robot_floor_pairs"] >= 2)
+    closed = np.flatnonzero(fallen["contact.robot_floor_pairs"] >= 1)
     cuts = [int(closed[0]) + 1, int(closed[len(closed) // 2])]
     for cut in cuts:
         kept = np.r_[0 : cut - 5, cut:count]
@@ -129,19 +135,19 @@ def test_a_changed_gap_is_found(fallen):
     assert not replay_log(replace(fallen.log, rows=rows)).agrees
 
 
-def test_records_list_what_is_closed(fallen):
+def test_records_list_what_is_closed(apart):
     """From the records alone: the pairs that began and did not end are those that the last record lists."""
     closed: set[str] = set()
     events = sorted(
-        (record for kind in ("contact_beginnings", "contact_changes", "contact_endings") for record in fallen.records[kind]),
+        (record for kind in ("contact_beginnings", "contact_changes", "contact_endings") for record in apart.records[kind]),
         key=lambda record: record.event,
     )
     for number in sorted({record.event for record in events}):
         records = [record for record in events if record.event == number]
         for record in records:
-            if record in fallen.records["contact_beginnings"]:
+            if record in apart.records["contact_beginnings"]:
                 closed.add(record.pair)
-            elif record in fallen.records["contact_endings"]:
+            elif record in apart.records["contact_endings"]:
                 closed.discard(record.pair)
         assert set(records[-1].closed_pairs) == closed
     assert len(closed) == 4
@@ -164,11 +170,18 @@ def test_the_last_rule_that_names_a_pair_has_it(tmp_path):
     contacts = {"default": {"restitution": 0.5}, "rules": rules[1:], "ignored": ignored}
     prepared = prepare(table(tmp_path / "some", contacts))
     assembly = prepared.assemble()
-    found = {pair.geoms: (pair.rule, pair.restitution, pair.mu) for pair in assembly.pairs}
-    assert found["robot/foot", "floor/right"] == ("rough", 0.5, 0.2)
-    assert found["robot/table_geom_2", "floor/left"] == ("body", 0.2, 0.0)
-    assert found["floor/left", "robot/foot"] == ("left-foot", 0.7, 0.0)
-    assert len(found) == 8
+    name = assembly.system.mj.geom
+    found = {
+        frozenset(name(geom).name for geom in geoms): (pair.rule, pair.restitution, pair.mu)
+        for pair in assembly.pairs
+        for geoms in pair.geom_pairs
+    }
+    feet = ["robot/foot", *(f"robot/{place}" for place in PLACES[1:])]
+    assert found == {
+        **{frozenset((foot, "floor/right")): ("rough", 0.5, 0.2) for foot in feet},
+        **{frozenset((foot, "floor/left")): ("body", 0.2, 0.0) for foot in feet[1:]},
+        frozenset((feet[0], "floor/left")): ("left-foot", 0.7, 0.0),
+    }
     text = "\n".join(prepared.describe())
     assert "rough: e = 0.5, mu = 0.2, 4 pairs (1 more ignored or in later rules)" in text
     assert "left-foot: e = 0.7, floor/left - robot/foot" in text
