@@ -70,6 +70,13 @@ def test_a_step_up_to_the_centre_and_a_wall_stop_the_box(tmp_path, height):
     assert abs(speed(run)[-1]) < 1e-11
 
 
+def test_a_step_within_the_weld_is_none(tmp_path):
+    """Case 7: the larger face leads, and the step of 1 um is gone; the motion is that on one plane."""
+    run = sound(sliding(tmp_path, stepped(STEP_M), contacts={"weld_m": 1e-5, "rules": [RULE]}))
+    assert counted(run) == (0, 1, 0)
+    assert place(run)[-1] == pytest.approx(0.25, abs=1e-12)
+
+
 RULE = {"name": "hit", "between": ["robot", "floor"], "restitution": 0.0, "mu": 0.0}
 
 
@@ -98,6 +105,14 @@ CORNER = [
     *(((0.5, a, -0.1), (0.6, b, 1.0)) for a, b in ((-0.5, -0.1), (-0.1, 0.5))),
 ]
 """A floor and a wall at x = 0.5, each cut across, at other places."""
+
+
+def test_a_box_stops_in_a_concave_corner(tmp_path):
+    """Case 8: the only set of normals that keeps the box out has both of floor and wall."""
+    run = sound(sliding(tmp_path, CORNER, joints=[0.36, 0, 0.1, 1, 0, 0, 0], duration_s=0.15))
+    assert impulse_of(run)[0] == pytest.approx((-1.0, 0.0, 0.0), abs=1e-11)
+    assert struck(run) == {(1.0, 0.0, 0.0)}
+    assert place(run)[-1] == pytest.approx(0.4, abs=1e-9)
 
 
 def test_a_box_slides_along_a_concave_corner(tmp_path):
@@ -187,9 +202,11 @@ def slot(cuts):
     ("rates", "normals"),
     [
         ((0.0, 0.3, 0.0), set()),
+        ((0.0, 0.3, 0.2), {(0.0, 0.0, 1.0)}),
         ((0.2, 0.3, 0.0), {(1.0, 0.0, 0.0)}),
+        ((-0.1, 0.3, -0.1), set()),
     ],
-    ids=["along", "sideways"],
+    ids=["along", "up", "sideways", "away"],
 )
 def test_a_slider_in_a_slot(tmp_path, rates, normals):
     """Case 11: it touches the lower side of a lip, whose inner edge it stands under, and the wall: along both it is free."""
