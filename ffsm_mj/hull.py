@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import Any
 
 import mujoco
@@ -12,8 +11,6 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 
 Point = Sequence[float] | FloatArray
-_ROUNDING_M = 1e-12
-"""Coordinates of one column differ by rounding, a thousandth of this at 1 m: by more, their order decides what is convex."""
 _SAMPLES_PER_EDGE = 4
 """Points per edge of a facet of the hull."""
 _MOST_SAMPLES = 400
@@ -33,7 +30,7 @@ def hull(points: FloatArray, *, merge: float = 0.0, straight: float = 0.0) -> Fl
     """
     distinct: list[tuple[float, ...]] = sorted(set(map(tuple, points.tolist())))
     if merge > 0.0:
-        distinct = _in_columns(_merged(distinct, merge), min(merge, _ROUNDING_M))
+        distinct = _merged(distinct, merge)
     if len(distinct) < 3:
         return np.array(distinct)
     span = float(np.max(np.ptp(distinct, axis=0)))
@@ -63,15 +60,6 @@ def _merged(ordered: Sequence[tuple[float, ...]], reach: float) -> list[tuple[fl
     return kept
 
 
-def _in_columns(ordered: Sequence[tuple[float, ...]], reach: float) -> list[tuple[float, ...]]:
-    """Points by columns whose first coordinates differ by rounding, each in the order of the second one.
-
-    Of three points on a line along the second axis the middle one would else come first, and the chain keeps its first.
-    """
-    starts = [0, *(i for i, (p, q) in enumerate(pairwise(ordered), 1) if q[0] - p[0] > reach), len(ordered)]
-    return [p for start, end in pairwise(starts) for p in sorted(ordered[start:end], key=lambda point: point[1])]
-
-
 def hull_offset(model: Any, geom: int) -> float:
     """Greatest distance of the convex hull of a geom's mesh from its triangles, m; 0 for other geoms.
 
@@ -87,7 +75,7 @@ def hull_offset(model: Any, geom: int) -> float:
     samples = _on_hull(vertices)
     squared = np.full(len(samples), np.inf)
     for block in range(0, len(triangles), _BLOCK):
-        squared = np.minimum(squared, squared_distances(samples, triangles[block : block + _BLOCK]))
+        squared = np.minimum(squared, _squared_distances(samples, triangles[block : block + _BLOCK]))
     return float(np.sqrt(squared.max(initial=0.0)))
 
 
@@ -107,7 +95,7 @@ def _on_hull(vertices: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("sk,fkx->fsx", weights, facets[kept]).reshape(-1, 3))
 
 
-def squared_distances(points: FloatArray, triangles: FloatArray) -> FloatArray:
+def _squared_distances(points: FloatArray, triangles: FloatArray) -> FloatArray:
     """Squared distance of each point from the nearest of some triangles, (n,).
 
     A point projects into a triangle, or its nearest point is on one of the edges.

@@ -19,6 +19,8 @@ from ffsm_mj.hull import hull, turn
 from ffsm_mj.tolerances import CONTACT_GAP_M, CROSSING, FLUSH_M, MERGED_M, PARALLEL, STRAIGHT
 
 _NONE = np.empty((0, 3))
+_DECIMALS = 12
+"""Decimals of places of contact points in m that are no rounding."""
 
 
 @dataclass(frozen=True)
@@ -188,8 +190,9 @@ def corners_across(points: FloatArray, normal: FloatArray) -> list[int]:
     """Indices of the points, (k, 3), that are corners of their hull in the plane across a normal, in order around it."""
     if len(points) == 1:
         return [0]
-    plane = _axes_across(normal)
-    flat = points @ plane.T
+    # Rounded: of three points on a line along the second axis the middle one would else come first by rounding, and the
+    # chain of the hull keeps its first.
+    flat = np.round(points @ _axes_across(normal).T, _DECIMALS)
     reach = CONTACT_GAP_M + 1e-7 * float(np.ptp(flat, axis=0).max())
     corners = hull(flat, merge=reach, straight=STRAIGHT)
     return [int(np.argmin(np.abs(flat - corner).sum(axis=1))) for corner in corners]
