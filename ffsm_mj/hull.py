@@ -75,7 +75,7 @@ def hull_offset(model: Any, geom: int) -> float:
     samples = _on_hull(vertices)
     squared = np.full(len(samples), np.inf)
     for block in range(0, len(triangles), _BLOCK):
-        squared = np.minimum(squared, _squared_distances(samples, triangles[block : block + _BLOCK]))
+        squared = np.minimum(squared, squared_distances(samples, triangles[block : block + _BLOCK]))
     return float(np.sqrt(squared.max(initial=0.0)))
 
 
@@ -95,7 +95,7 @@ def _on_hull(vertices: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("sk,fkx->fsx", weights, facets[kept]).reshape(-1, 3))
 
 
-def _squared_distances(points: FloatArray, triangles: FloatArray) -> FloatArray:
+def squared_distances(points: FloatArray, triangles: FloatArray) -> FloatArray:
     """Squared distance of each point from the nearest of some triangles, (n,).
 
     A point projects into a triangle, or its nearest point is on one of the edges.
