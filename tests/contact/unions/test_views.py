@@ -17,8 +17,8 @@ from tests.contact.unions.test_steps import STILL
 from tests.random_scenes.dice import Dice, numbers
 from tests.scenes import scene
 from tests.simulation.restored import is_rest_of, told
+from tests.simulators import closed_simulators  # noqa: F401
 
-pytest_plugins = ("tests.simulators",)
 PLATE = cut(Dice(5, "plate"), [((-0.5, -0.5, -0.1), (0.5, 0.5, 0.0))], 6)
 ACROSS = {"joints": [-0.25, 0.01, 0.1, math.cos(0.2), 0, 0, math.sin(0.2)], "rates": [1, 0, 0, 0, 0, 0], "mu": 0.1}
 """Case 3 of the slides: the seam is below the box from 0.1 to 0.6 s."""
