@@ -11,6 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ffsm_mj.contact.solid.edges import UnionEdge
 from ffsm_mj.contact.solid.faces import UnionFace
 from ffsm_mj.contact.solid.solid import Solid
 from ffsm_mj.polytope import Polytope, hull_of
@@ -46,6 +47,11 @@ def all_faces(solid: Solid) -> list[tuple[UnionFace, ...]]:
     return [solid.faces.at(plane) for plane in solid.faces.planes]
 
 
+def all_edges(solid: Solid) -> list[tuple[UnionEdge, ...]]:
+    """All edges of a solid, piece by piece."""
+    return [solid.edges.of(k) for k in range(len(solid.pieces))]
+
+
 def main() -> None:
     """Print the figures."""
     pieces, other_pieces = shell(64, 5), shell(64, 10)
@@ -60,21 +66,16 @@ def main() -> None:
         pairs = len(solid.tree.pairs(other.tree, upright, position, REACH_M))
         near = microseconds(lambda a=arguments: a[0].pairs(*a[1:], REACH_M), 20)
         nearest = microseconds(lambda a=arguments: next(a[0].nearest_first(*a[1:], np.inf)), 20)
-        bound = microseconds(lambda a=arguments: a[0].lower_bound(*a[1:]), 20)
-        print(
-            f"axes {shift:g} m apart: {pairs} pairs in {near:.0f} us, nearest {nearest:.0f} us, lower bound {bound:.0f} us"
-        )
-    everywhere = solid.tree.bounds[0], solid.tree.bounds[1], 0.0
+        print(f"axes {shift:g} m apart: {pairs} pairs in {near:.0f} us, nearest {nearest:.0f} us")
     made = {
         "weld": lambda: Solid(pieces, 1e-9),
         "weld, and edges along one piece": lambda: Solid(pieces, 1e-9).edges.of(0),
-        "weld, and all edges": lambda: Solid(pieces, 1e-9).edges_near(*everywhere),
+        "weld, and all edges": lambda: all_edges(Solid(pieces, 1e-9)),
         "weld, and all faces": lambda: all_faces(Solid(pieces, 1e-9)),
     }
     for name, call in made.items():
         print(f"{name}: {1e-3 * microseconds(call, 1):.0f} ms")
     print(f"edges along a piece again: {microseconds(lambda: solid.edges.of(0), 20):.0f} us")
-    print(f"planes at a place: {microseconds(lambda: solid.planes_at(place, 1e-9), 200):.0f} us")
 
 
 if __name__ == "__main__":

@@ -152,6 +152,10 @@ class JointLimit:
         """The same as :meth:`proximity`; as of pairs that may have several patches."""
         return (self.proximity(model, data),)
 
+    def apart_within(self, model: Any, data: Any, reach: float) -> tuple[JointLimit, ...]:  # noqa: ARG002
+        """The limit; as of pairs that may have several pieces."""
+        return (self,)
+
     def watched_gap(self, model: Any, data: Any, limit: float) -> float:
         """The same as :meth:`gap`."""
         return self.gap(model, data, limit)

@@ -218,6 +218,10 @@ class ContactPair(Stateful):
         """The gap of what event location has to follow: all of it; see :meth:`gap`."""
         return self.gap(model, data, limit)
 
+    def apart_within(self, model: Any, data: Any, reach: float) -> Iterable[ContactPair]:  # noqa: ARG002
+        """What event location follows of it, given how near it may have come in m: all of it."""
+        return (self,)
+
     def gap_to_rounding(self, model: Any, data: Any, gap: float) -> float:
         """The gap at the state in ``data``, to rounding.
 

@@ -215,6 +215,7 @@ class Sides:
         for geom in sorted(geoms):
             self._geoms.setdefault(self.body_of(geom), []).append(geom)
         self._known: dict[int, Side] = {}
+        self._united: dict[int, bool] = {}
 
     def body_of(self, geom: int) -> int:
         """The body that stands for the rigid body of a geom."""
@@ -226,10 +227,11 @@ class Sides:
 
     def is_union(self, geom: int) -> bool:
         """Whether the rigid body of a geom has pieces that touch each other, or a mesh that is not convex."""
-        geoms = self._geoms[self.body_of(geom)]
-        if any(one in self._system.pieces for one in geoms):
-            return True
-        return len(geoms) > 1 and self._touch(geoms)
+        body = self.body_of(geom)
+        if body not in self._united:  # each pair of geoms asks
+            geoms = self._geoms[body]
+            self._united[body] = any(one in self._system.pieces for one in geoms) or self._touch(geoms)
+        return self._united[body]
 
     def _touch(self, geoms: Sequence[int]) -> bool:
         """Whether some of the geoms of one rigid body touch: their distances are the same in every configuration."""

@@ -293,8 +293,11 @@ class UnionPair(ContactPair):
         joined = frozenset(k for k in near if k in self.joined or self._goes_on(self.piece_pair(k), model, data))
         if not joined.issuperset(self.joined):
             self._leave()
-        self.joined, face = joined, self._face
-        self.is_beside = face is None or not all(self.piece_pair(k).is_parted(model, data, face) for k in joined)
+        if joined != self.joined or self.is_beside:
+            # Bodies that lie level stay on both sides of the plane: it is asked again where other pieces touch.
+            face = self._face
+            self.is_beside = face is None or not all(self.piece_pair(k).is_parted(model, data, face) for k in joined)
+        self.joined = joined
 
     def _goes_on(self, pair: PiecePair, model: Any, data: Any) -> bool:
         """Whether the contact of two pieces is in a patch that is held."""

@@ -100,10 +100,6 @@ class BoxTree:
             heapify(waiting)
         yield from ((math.sqrt(distance), one, two) for distance, one, two in sorted(waiting))
 
-    def lower_bound(self, other: BoxTree, rotation: FloatArray, position: FloatArray) -> float:
-        """A distance in m that the pieces of both solids are at least apart: that of their blocks; see :meth:`pairs`."""
-        return float(np.sqrt(self._blocks.squared_gaps(other._blocks.turned(rotation, position)).min()))
-
 
 class _Boxes:
     """Boxes as arrays of least and greatest coordinates, (n, 3)."""

@@ -26,7 +26,7 @@ of an earlier contact, not a touch: a pair that starts in contact must first lea
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -119,6 +119,10 @@ class Clearances:
         # Both bounds hold: the smaller one counts for each pair.
         closed, self.last = (np.minimum(rows @ by_rates, by_energy) for by_rates, by_energy in moved)
         return self._exhausted(closed, self.last, stepper.motion_bound)
+
+    def last_closing(self, i: int) -> float:
+        """Largest closing of a pair in the last step, by an index that may be of a joint limit too, m."""
+        return float(self.last[i]) + DISTANCE_QUERY_M if i < len(self._pairs) else math.inf
 
     def end(self) -> None:
         """End all bounds here: pieces of unions that their contact points watched are to be followed by distance again."""
@@ -467,18 +471,14 @@ class Detector(EventSource, Replayable):
             self._evaluated.clear()  # of an earlier step
         # Bounds on the motion are cheap and certain: only pairs that they do not clear are followed along the path.
         suspects = (*self._clearances.after_step().tolist(), *self._limits.after_step().tolist())
-        self._suspects = tuple(pair for i in suspects for pair in self._followed(i))
+        # Of unions those pieces that may have touched in the last step: each pair of them is followed by itself.
+        self._suspects = tuple(
+            one
+            for i in suspects
+            for one in self.pairs[i].apart_within(self._model, self._data, self._clearances.last_closing(i))
+        )
         self._bound_events()
         return not self._suspects
-
-    def _followed(self, i: int) -> Iterator[UnilateralConstraint]:
-        """A pair, or of a pair of unions those pieces that may have touched in the last step: each is followed by itself."""
-        pair = self.pairs[i]
-        if isinstance(pair, UnionPair):
-            reach = float(self._clearances.last[i]) + DISTANCE_QUERY_M
-            yield from pair.apart_within(self._model, self._data, reach)
-        else:
-            yield pair
 
     def first_event(self, duration_s: float) -> float | None:
         """First time in the first ``duration_s`` of the last step at which a pair touches: approaching, or pressed at rest.
@@ -538,16 +538,10 @@ class Detector(EventSource, Replayable):
         if self.motion.stepper.motion_bound > 0.0:
             self._evaluated.clear()  # of an earlier step
         indices = (*self._clearances.near().tolist(), *self._limits.near().tolist())
-        near = (self._proximity(pair, 0.0) for i in indices for pair in self._at_once(self.pairs[i]))
+        pairs = (self.pairs[i].apart_within(self._model, self._data, DISTANCE_QUERY_M) for i in indices)
+        near = (self._proximity(pair, 0.0) for some in pairs for pair in some)
         # To rounding, as roots are located: another model may have an event that is due here.
         return any(pair.gap <= pair.rounding and pair.approaches for pair in near)
-
-    def _at_once(self, pair: UnilateralConstraint) -> Iterator[UnilateralConstraint]:
-        """A pair, or those pieces of two unions that are next to each other."""
-        if isinstance(pair, UnionPair):
-            yield from pair.apart_within(self._model, self._data, DISTANCE_QUERY_M)
-        else:
-            yield pair
 
     def _touch_of(self, pair: UnilateralConstraint, start: float, end: float) -> float | None:
         """First touch of one pair in an interval where its gap has at most one extremum."""

@@ -27,3 +27,15 @@ def random_boxes(rng, count: int) -> list[Polytope]:
     lower = rng.integers(0, 4, (count, 3))
     sizes = rng.integers(1, 4, (count, 3))
     return [box(0.05 * size, 0.1 * low + 0.05 * size, EYE) for low, size in zip(lower, sizes, strict=True)]
+
+
+def all_edges(solid):
+    """All edges of a union, each once."""
+    return [*dict.fromkeys(edge for k in range(len(solid.pieces)) for edge in solid.edges.of(k))]
+
+
+def faces_at(solid, point):
+    """Faces of a union that a point is on."""
+    planes = (plane for k in solid.tree.near(point, point, 1e-9).tolist() for plane in solid.planes[k])
+    faces = (face for plane in dict.fromkeys(planes) for face in solid.faces.at(plane))
+    return [face for face in faces if abs(face.normal @ point - face.offset) <= 1e-9 and face.inside(point) >= -1e-9]

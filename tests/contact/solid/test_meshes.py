@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from ffsm_mj.contact.solid.solid import Solid
 from ffsm_mj.decomposition.gate import gate
 from ffsm_mj.decomposition.planes import partition
+from tests.contact.solid.pieces import all_edges, faces_at
 from tests.decomposition.meshes import bracket, cone, frame, nozzle, plate, slot
 
 PARTS = {
@@ -50,7 +51,7 @@ def bends(vertices, faces):
 def test_convex_edges_are_those_of_the_mesh(part):
     """Points of each convex edge of the mesh are on one edge of the union, and both have the same length in all."""
     vertices, faces, solid = cut(part)
-    edges = solid.edges_near(*solid.tree.bounds, 0.0)
+    edges = all_edges(solid)
     starts, ends = (np.array([getattr(edge, name) for edge in edges]) for name in ("start", "end"))
     directions = np.array([edge.direction for edge in edges])
     length = 0.0
@@ -68,26 +69,6 @@ def test_convex_edges_are_those_of_the_mesh(part):
 
 
 @pytest.mark.parametrize("part", PARTS)
-def test_vertices_are_those_of_the_mesh(part):
-    """Where all edges are convex is a vertex; where two or less are, or none bends, is none; nor is there any elsewhere."""
-    vertices, faces, solid = cut(part)
-    at = np.array([vertex.position for vertex in solid.vertices_near(*solid.tree.bounds, 0.0)])
-    around = {k: [] for k in range(len(vertices))}
-    for ends, bend in bends(vertices, faces).items():
-        for k in ends:
-            around[k].append(bend)
-    for k, values in around.items():
-        near = int((np.abs(at - vertices[k]).max(axis=1) < 1e-12).sum())
-        convex, concave = sum(bend > 0.0 for bend in values), sum(bend < 0.0 for bend in values)
-        assert near <= 1
-        if not concave:
-            assert near == (convex > 2)
-        elif convex < 3:
-            assert near == 0
-    assert (np.abs(at[:, None] - vertices).max(axis=2).min(axis=1) < 1e-12).all()
-
-
-@pytest.mark.parametrize("part", PARTS)
 def test_triangles_are_in_faces(part):
     """The middle of each triangle is in one face with its normal, as far from its outline as convex edges allow."""
     vertices, faces, solid = cut(part)
@@ -97,7 +78,7 @@ def test_triangles_are_in_faces(part):
         normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
         normal /= np.linalg.norm(normal)
         middle = corners.mean(axis=0)
-        (one,) = (other for other in solid.faces_at(middle, 1e-9) if other.normal @ normal > 1.0 - 1e-9)
+        (one,) = (other for other in faces_at(solid, middle) if other.normal @ normal > 1.0 - 1e-9)
         spans = np.roll(corners, -1, axis=0) - corners
         sides = np.linalg.norm(np.cross(middle - corners, spans), axis=1) / np.linalg.norm(spans, axis=1)
         assert one.inside(middle) >= min(sides) - 1e-12
