@@ -43,6 +43,7 @@ class Proximity:
         rates: Gap rate at each point in m/s, negative when approaching, (k,).
         rate_tolerance: Gap rates within this of zero, in m/s, are rounding: the point neither approaches nor separates.
         rounding: Rounding of the gap, m.
+        patch: Name of its patch among those of a pair of unions; empty for other pairs, which have one.
     """
 
     gap: float
@@ -51,6 +52,7 @@ class Proximity:
     rates: FloatArray
     rate_tolerance: float
     rounding: float
+    patch: str = ""
 
     @property
     def rate(self) -> float:

@@ -52,12 +52,10 @@ class UnionProximity(Proximity):
     Attributes:
         pieces: Pairs of pieces that touch in it.
         owners: The pair of pieces of each point.
-        patch: Name of the patch among those of its pair.
     """
 
-    pieces: tuple[PiecePair, ...]
-    owners: tuple[PiecePair, ...]
-    patch: str
+    pieces: tuple[PiecePair, ...] = ()
+    owners: tuple[PiecePair, ...] = ()
 
 
 class PiecePair(ContactPair):
@@ -137,8 +135,7 @@ class UnionPair(ContactPair):
         of_rule: Numbers of the pieces of each that the rule names.
         joined: Pairs of pieces that touch at the start of a step while persistent contact holds the pair: these are
             watched by their contact points, all others by their distance.
-        left: Counts the times at which pieces ceased to be joined.
-        on_left: Called then.
+        on_left: Called where pieces cease to be joined: they are to be followed by distance again.
         is_beside: Whether the bodies may touch beside the face on which they lie flat.
     """
 
@@ -175,7 +172,6 @@ class UnionPair(ContactPair):
         self._radii = a.radius_about(first[0]), b.radius_about(first[1])
         self.joined: frozenset[int] = frozenset()
         self._closed: tuple[Feature, ...] = ()
-        self.left = 0
         self.on_left: Callable[[], None] = _nothing
         self._face: Feature | None = None
         self.is_beside = True
@@ -281,18 +277,14 @@ class UnionPair(ContactPair):
         """Note the contact points that persistent contact holds: what is joined follows from them at the next step."""
         if self._closed != (closed := tuple(features)):
             self._closed, self.joined = closed, frozenset()
-            self._leave()
-
-    def _leave(self) -> None:
-        self.left += 1
-        self.on_left()
+            self.on_left()
 
     def join(self, model: Any, data: Any) -> None:
         """Take the pairs of pieces that touch in patches that are held at the state in ``data`` as joined."""
         near = [k for gap, k in self.within(model, data, 2.0 * DISTANCE_QUERY_M) if gap <= DISTANCE_QUERY_M]
         joined = frozenset(k for k in near if k in self.joined or self._goes_on(self.piece_pair(k), model, data))
         if not joined.issuperset(self.joined):
-            self._leave()
+            self.on_left()
         if joined != self.joined or self.is_beside:
             # Bodies that lie level stay on both sides of the plane: it is asked again where other pieces touch.
             face = self._face
@@ -374,7 +366,7 @@ class UnionPair(ContactPair):
         rounding = gap_rounding(points)
         turned = np.round(normal @ data.xmat[self.body_b].reshape(3, 3), 6) + 0.0
         patch = " ".join(map("{:g}".format, turned.tolist()))
-        return UnionProximity(gap, normal, points, rates, tolerance, rounding, pieces, owners, patch)
+        return UnionProximity(gap, normal, points, rates, tolerance, rounding, patch, pieces, owners)
 
     def _normals(
         self, model: Any, data: Any, pair: PiecePair, near: Proximity, point: FloatArray

@@ -28,6 +28,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import mujoco
@@ -77,8 +78,7 @@ class Clearances:
         self._spheres = BroadPhase(self._model, pairs)
         self._per_root_energy = speeds_per_root_energy(self._model, self._data, pairs)
         self._clearance, self._skipped = np.zeros(len(pairs)), np.zeros(len(pairs), dtype=bool)
-        self._unions = [(i, pair) for i, pair in enumerate(pairs) if isinstance(pair, UnionPair)]
-        self._left = [0] * len(self._unions)
+        self._left: set[int] = set()
         self.travel, self._start, self.energy_reach = Travel(self._data.qvel), 0.0, 0.0
         self._bind_travel()
 
@@ -110,10 +110,11 @@ class Clearances:
 
     def after_step(self) -> Indices:
         """Indices of the pairs that may have been in contact during the last step."""
-        stepper, alone = self._motion.stepper, self._pieces_left()
-        if not alone and (stepper.motion_bound < self.energy_reach or self.travel.is_within):
+        stepper = self._motion.stepper
+        if stepper.motion_bound < self.energy_reach or self.travel.is_within:
             return NO_PAIRS
-        self._clearance[alone] = -math.inf
+        self._clearance[list(self._left)] = -math.inf
+        self._left.clear()
         rows, parts = self._by_joints.rows, (stepper.motion_bound - self._start, stepper.last_increment)
         moved = zip((self.travel.travelled, self.travel.last), map(self._by_energy, parts), strict=True)
         # Both bounds hold: the smaller one counts for each pair.
@@ -124,15 +125,11 @@ class Clearances:
         """Largest closing of a pair in the last step, by an index that may be of a joint limit too, m."""
         return float(self.last[i]) + DISTANCE_QUERY_M if i < len(self._pairs) else math.inf
 
-    def end(self) -> None:
-        """End all bounds here: pieces of unions that their contact points watched are to be followed by distance again."""
+    def follow_pieces(self, i: int) -> None:
+        """Follow pieces of a pair by distance from here on, which their contact points watched: no bound holds for them."""
+        self._left.add(i)
         self.travel.end()
         self.energy_reach = -math.inf
-
-    def _pieces_left(self) -> list[int]:
-        """Indices of pairs of unions of which pieces are no longer watched by their contact points, but by distance."""
-        known, self._left = self._left, [pair.left for _, pair in self._unions]
-        return [i for (i, _), now, before in zip(self._unions, self._left, known, strict=True) if now != before]
 
     def _by_energy(self, motion_bound: float) -> FloatArray:
         """Largest closing of each pair in a motion, m."""
@@ -433,9 +430,9 @@ class Detector(EventSource, Replayable):
         self._clearances, self._limits = Clearances(scene, geoms), LimitClearances(scene, limits, len(geoms))
         self.watched = frozenset(ids for pair in self.pairs for ids in pair.geom_pairs)
         self.travels = (self._clearances.travel,)
-        for pair in geoms:
+        for i, pair in enumerate(geoms):
             if isinstance(pair, UnionPair):
-                pair.on_left = self._follow_pieces
+                pair.on_left = partial(self._follow_pieces, i)
         self._suspects: tuple[UnilateralConstraint, ...] = ()
         # Evaluations of this step by pair and time; those at its end are kept as the start of the next step.
         self._evaluated: dict[tuple[UnilateralConstraint, float], Proximity] = {}
@@ -445,8 +442,8 @@ class Detector(EventSource, Replayable):
         self._evaluated = {}
         self._measure_clearances()
 
-    def _follow_pieces(self) -> None:
-        self._clearances.end()
+    def _follow_pieces(self, i: int) -> None:
+        self._clearances.follow_pieces(i)
         self._bound_events()
 
     def _measure_clearances(self) -> None:

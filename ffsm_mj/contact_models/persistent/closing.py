@@ -12,7 +12,6 @@ from ffsm_mj.contact.features.gap_function import FeatureState
 from ffsm_mj.contact.features.search import features, features_at_rest
 from ffsm_mj.contact.pairs import UnilateralConstraint
 from ffsm_mj.contact.proximity import Proximity
-from ffsm_mj.contact.union_pair import UnionProximity
 from ffsm_mj.contact_models.impact.resolution import ClosedPairs
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
@@ -86,11 +85,6 @@ def refusal_in(motion: Motion, scene: Scene) -> str:
     return ""
 
 
-def patch_of(near: Proximity) -> str:
-    """Name of a patch among those of its pair; empty if there is only one."""
-    return near.patch if isinstance(near, UnionProximity) else ""
-
-
 def by_pair(closing: Iterable[ClosingPair]) -> dict[UnilateralConstraint, list[tuple[Proximity, float]]]:
     """Patches with their tolerances by pair."""
     patches: dict[UnilateralConstraint, list[tuple[Proximity, float]]] = {}
@@ -123,7 +117,7 @@ def points_at_rest(scene: Scene, pair: UnilateralConstraint, near: Proximity, st
         return parallel and abs(pair.rate_along(data, near.normal, place)) <= still
 
     resting = features_at_rest(pair, scene.system.mj, data, near, is_still)
-    return tuple(ContactPoint(pair, feature, patch_of(near)) for feature in resting)
+    return tuple(ContactPoint(pair, feature, near.patch) for feature in resting)
 
 
 def slow_points(
@@ -132,7 +126,7 @@ def slow_points(
     """Contact points of some pairs that separate slowly, with the rates of their gaps, m/s; without those closed already."""
     model, data = scene.system.mj, scene.data
     points = [
-        ContactPoint(pair, feature, patch_of(near))
+        ContactPoint(pair, feature, near.patch)
         for pair, near in pairs
         for feature in ((pair.feature,) if pair.is_limit else features(pair, model, data, near))
     ]
