@@ -13,7 +13,7 @@ from ffsm_mj.records.signals import COMPONENTS
 from tests.contact_models.grasp.scenes import ARM, OFF
 from tests.replays import proved
 from tests.scenes import HEAD, ball, scene
-from tests.simulation.restored import is_rest_of, told
+from tests.simulation.restored import goes_on, is_rest_of
 
 
 def _wheel(axis, x, y, z):
@@ -156,19 +156,7 @@ def test_order_four_through_a_grasp(tmp_path):
 def test_it_goes_on_from_any_decision(tmp_path):
     """Out through bytes while it is grasped, and to the end, bit for bit."""
     path = berthing(tmp_path, "ball")
-    simulator = ffsm_mj.Simulator(path)
-    simulator.reset()
-    while simulator.time_s < 0.3:
-        simulator.step()
-    state = simulator.get_state().to_bytes()
-    while not simulator.ended:
-        simulator.step()
-    whole = told(simulator.close())
-    again = ffsm_mj.Simulator(path)
-    again.set_state(ffsm_mj.SimulatorState.from_bytes(state))
-    while not again.ended:
-        again.step()
-    assert is_rest_of(whole, told(again.close()))
+    assert is_rest_of(*goes_on(path, 0.3))
 
 
 def test_commands_of_a_program_drive_an_object(tmp_path):

@@ -68,6 +68,16 @@ class Verdict:
         return f"{self.seed}: {self.end}; " + "; ".join(self.differences or [self.message])
 
 
+def replay_faults(again):
+    """What a log replay says differently from the log."""
+    sizes = (
+        f"{worst.what} ({worst.size:.1e} of {worst.allowed:.1e} {worst.unit}, at {worst.time_s:g} s)"
+        for worst in again.worst.values()
+        if not worst.passes
+    )
+    return [f"replay: {text}" for text in (*filter(None, [again.obstacle]), *sizes)]
+
+
 def judge(seed: int, folder: Path, limit_s: float = 0.0) -> Verdict:
     """Run the scene of a seed and compare what there is to compare.
 
@@ -107,12 +117,7 @@ def _judge(seed: int, path: Path) -> Verdict:
     cost = count() / (of_a_step * (run.log.outcome.steps + 1) + STEPS_OF_AN_EVENT * events)
     found = [] if run.outcome in STATED else [f"outcome {run.outcome}: {run.log.outcome.message}"]
     again = replay_log(run.log)
-    if again.obstacle:
-        found.append(f"replay: {again.obstacle}")
-    for worst in again.worst.values():
-        if not worst.passes:
-            size = f"{worst.size:.1e} of {worst.allowed:.1e} {worst.unit}, at {worst.time_s:g} s"
-            found.append(f"replay: {worst.what} ({size})")
+    found += replay_faults(again)
     for what, checks in (("run", all_checks(run)), ("replay", again.checks())):
         for check in explain(run, checks, limits=AnalysisLimits()).checks:
             if not (check.passes or check.fails_by_truncation):

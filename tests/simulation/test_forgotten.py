@@ -225,23 +225,39 @@ def test_a_field_that_is_forgotten(states, scene, kind, field):
     assert not is_rest_of(expected, forgetful)
 
 
+def normals_that_differ(pair, model, data, rng, forgotten, nothing):
+    """In how many of ten contacts the next normal is another one where a field of a class is forgotten.
+
+    Args:
+        pair: The pair.
+        model: MuJoCo model.
+        data: Its data.
+        rng: Turns both bodies.
+        forgotten: The class and its field.
+        nothing: State of a pair that remembers nothing.
+    """
+    count = 0
+    for _ in range(10):
+        in_contact(pair, model, data, rng)
+        state = as_mappings(pair.get_state())
+        mujoco.mj_integratePos(model, data.qpos, rng.uniform(-1, 1, 12), 1e-5)
+        moved(model, data)
+        expected = pair.proximity(model, data).normal.tobytes()
+        pair.set_state(state)
+        assert pair.proximity(model, data).normal.tobytes() == expected
+        pair.set_state(nothing)
+        with forgetting(*forgotten):
+            pair.set_state(state)
+        count += pair.proximity(model, data).normal.tobytes() != expected
+    return count
+
+
 def test_the_last_normal(tmp_path, rng):
     """The next normal in contact is searched from it: to rounding, not to the last bit, does it matter where."""
     differ = dict.fromkeys((ContactPair, NormalSearch), 0)
     pair, model, data = pair_of(tmp_path, shape("ellipsoid"), shape("ellipsoid"))
     for kind, field in ((ContactPair, "search"), (NormalSearch, "last")):
-        for _ in range(10):
-            in_contact(pair, model, data, rng)
-            state = as_mappings(pair.get_state())
-            mujoco.mj_integratePos(model, data.qpos, rng.uniform(-1, 1, 12), 1e-5)
-            moved(model, data)
-            expected = pair.proximity(model, data).normal.tobytes()
-            pair.set_state(state)
-            assert pair.proximity(model, data).normal.tobytes() == expected
-            pair.set_state({"search": {"last": None}})
-            with forgetting(kind, field):
-                pair.set_state(state)
-            differ[kind] += pair.proximity(model, data).normal.tobytes() != expected
+        differ[kind] += normals_that_differ(pair, model, data, rng, (kind, field), {"search": {"last": None}})
     assert all(differ.values())
 
 
@@ -256,20 +272,7 @@ def test_the_last_normals_of_pieces(tmp_path, rng):
     sides = Sides(system, ids, 1e-9)
     both = sides.of(ids[0]), sides.of(ids[1])
     union = UnionPair(system, "union", both, [(ids[0], k) for k in ids[1:]], 0.5, 0.0, "rule")
-    differ = 0
-    for _ in range(10):
-        in_contact(union, model, data, rng)
-        state = as_mappings(union.get_state())
-        mujoco.mj_integratePos(model, data.qpos, rng.uniform(-1, 1, 12), 1e-5)
-        moved(model, data)
-        expected = union.proximity(model, data).normal.tobytes()
-        union.set_state(state)
-        assert union.proximity(model, data).normal.tobytes() == expected
-        union.set_state({"pieces": []})
-        with forgetting(UnionPair, "pieces"):
-            union.set_state(state)
-        differ += union.proximity(model, data).normal.tobytes() != expected
-    assert differ
+    assert normals_that_differ(union, model, data, rng, (UnionPair, "pieces"), {"pieces": []})
 
 
 def test_every_class_is_here():

@@ -13,6 +13,7 @@ from ffsm_mj.replay import explain, replay_log
 from ffsm_mj.replay.truncation import AnalysisLimits
 from tests.contact.unions.drawing import draw
 from tests.contact.unions.scenes import differences, text_of
+from tests.random_scenes.judge import replay_faults
 from tests.replays import assert_replayed
 
 OF_CUTS, OF_ORDER = 1e-9, 1e-12
@@ -47,12 +48,7 @@ def wrong(run: Any) -> list[str]:
     """Checks of a run that fail, other than by truncation of its steps alone, and what its log replay says differently."""
     found = [] if run.outcome == "completed" else [f"{run.outcome}: {run.message}"]
     again = replay_log(run.log)
-    if again.obstacle:
-        found.append(f"replay: {again.obstacle}")
-    for worst in again.worst.values():
-        if not worst.passes:
-            size = f"{worst.size:.1e} of {worst.allowed:.1e} {worst.unit}, at {worst.time_s:g} s"
-            found.append(f"replay: {worst.what} ({size})")
+    found += replay_faults(again)
     for what, checks in (("run", all_checks(run)), ("replay", again.checks())):
         passes = all(check.passes for check in checks)
         for check in () if passes else explain(run, checks, limits=AnalysisLimits()).checks:

@@ -16,7 +16,7 @@ from tests.contact.unions.test_slides import BALL, CUBE, HALVES, place
 from tests.contact.unions.test_steps import STILL
 from tests.random_scenes.dice import Dice, numbers
 from tests.scenes import scene
-from tests.simulation.restored import is_rest_of, told
+from tests.simulation.restored import goes_on, is_rest_of, told
 from tests.simulators import closed_simulators  # noqa: F401
 
 PLATE = cut(Dice(5, "plate"), [((-0.5, -0.5, -0.1), (0.5, 0.5, 0.0))], 6)
@@ -126,19 +126,7 @@ def test_half_and_ten_times_the_step(tmp_path, body, step_s):
 def test_a_run_goes_on_from_the_middle_of_a_seam(tmp_path, at_s):
     """Bit for bit: nothing about pieces is remembered that the state does not have."""
     path = on(tmp_path, CUBE, fixed(geoms(HALVES)), **ACROSS, duration_s=0.6)
-    simulator = ffsm_mj.Simulator(path)
-    simulator.reset()
-    while simulator.time_s < at_s:
-        simulator.step()
-    state = simulator.get_state().to_bytes()
-    while not simulator.ended:
-        simulator.step()
-    whole = told(simulator.close())
-    again = ffsm_mj.Simulator(path)
-    again.set_state(ffsm_mj.SimulatorState.from_bytes(state))
-    while not again.ended:
-        again.step()
-    assert is_rest_of(whole, told(again.close()))
+    assert is_rest_of(*goes_on(path, at_s))
 
 
 def test_two_runs_at_once(tmp_path):
