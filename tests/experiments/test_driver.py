@@ -8,7 +8,7 @@ from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import nullcontext
 from pathlib import Path
-from threading import Timer
+from threading import Lock, Timer
 from types import MappingProxyType
 from typing import Any
 
@@ -115,24 +115,28 @@ class Fragile(Executor):
 
     def __init__(self, begun: list[list[int]]) -> None:
         self._begun, self._waiting = begun, dict[Future[Any], int]()
+        # A run that is added while the last one is taken would else be waited for without end.
+        self._lock = Lock()
 
     def submit(self, fn: Any, /, *args: Any, **_: Any) -> Future[Any]:
         future: Future[Any] = Future()
         if fn is probe:
             future.set_result("here")
             return future
-        if not self._waiting:
-            Timer(0.001, self._work).start()
-        self._waiting[future] = args[1][0][0]
+        with self._lock:
+            if not self._waiting:
+                Timer(0.001, self._work).start()
+            self._waiting[future] = args[1][0][0]
         return future
 
     def _work(self) -> None:
-        taken = dict(list(self._waiting.items())[: self.workers])
-        self._begun.append(list(taken.values()))
-        for future in taken:
-            del self._waiting[future]
-        if self._waiting:
-            Timer(0.001, self._work).start()
+        with self._lock:
+            taken = dict(list(self._waiting.items())[: self.workers])
+            self._begun.append(list(taken.values()))
+            for future in taken:
+                del self._waiting[future]
+            if self._waiting:
+                Timer(0.001, self._work).start()
         for future, index in taken.items():
             if index == self.deadly:
                 future.set_exception(WorkerLostError("lost"))
