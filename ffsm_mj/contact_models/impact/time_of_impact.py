@@ -67,10 +67,8 @@ class Clearances:
         energy_reach: Motion bound (``motion_bound`` of :class:`~ffsm_mj._core.steppers.FreeStepper`) below which no
             pair can be near contact.
         travel: Motion of the coordinates, within whose reach none can be either.
-        last: Largest closing of each pair in the last step, m, (n,).
+        last: Largest closing of each pair in the last step, m, (n,); infinite before the first one.
     """
-
-    last: FloatArray
 
     def __init__(self, scene: Scene, pairs: Sequence[ContactPair]) -> None:
         """Bind to the state of a scene; :meth:`restart` must follow."""
@@ -78,6 +76,7 @@ class Clearances:
         self._spheres = BroadPhase(self._model, pairs)
         self._per_root_energy = speeds_per_root_energy(self._model, self._data, pairs)
         self._clearance, self._skipped = np.zeros(len(pairs)), np.zeros(len(pairs), dtype=bool)
+        self.last: FloatArray = np.full(len(pairs), np.inf)
         self._left: set[int] = set()
         self.travel, self._start, self.energy_reach = Travel(self._data.qvel), 0.0, 0.0
         self._bind_travel()
