@@ -62,6 +62,21 @@ def impact_with_friction(A: FloatArray, w: FloatArray, mu: FloatArray, e: FloatA
     return _several(_SeveralContacts(A, w, mu), e, "poisson") if one.status == "unconverged" else one
 
 
+def impact_by_rule(A: FloatArray, w: FloatArray, mu: FloatArray, e: FloatArray, rule: str) -> FrictionResult:
+    """Solve an impact by the rule of a record, also one contact by a rule that simulations use for several contacts.
+
+    Args:
+        A: Rows of (n, t1, t2) of each contact, (3k, n); see :func:`impact_with_friction`.
+        w: Mass-weighted velocity before, (n,).
+        mu: Coefficients of friction, (k,), >= 0.
+        e: Coefficients of restitution, (k,), 0 to 1.
+        rule: ``stronge`` (one contact), ``poisson`` or ``coulomb``.
+    """
+    if rule == "stronge":
+        return stronge(A, w, float(mu[0]), float(e[0]))
+    return _several(_SeveralContacts(A, w, mu), e, rule)
+
+
 @dataclass
 class _SeveralContacts:
     """An impact of several contacts.

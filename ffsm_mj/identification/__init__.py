@@ -1,0 +1,1 @@
+"""Identification: impacts that were measured, what their frames say of themselves, and the laws that fit them."""
