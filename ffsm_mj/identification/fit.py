@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,6 +23,8 @@ _STARTS = tuple((mu, e) for mu in (0.1, 0.3, 0.8) for e in (0.2, 0.5, 0.8))
 """Where a fit may begin, at the best of these: the error is smooth between changes of slip and stick only."""
 _SHARE = 1.0 - 1e-6
 """Share of the leverage that is taken off, so that an impact which alone decides a parameter divides by no zero."""
+_FLAT = 1e-8
+"""Mean square of derivatives below which a parameter has no effect: errors of the differences are 1e-12, effects near 1."""
 _DIFFERENCE = 1e-6
 """Step of the numerical derivatives: laws are exact to 1e-12, so that these are to 1e-6."""
 
@@ -123,29 +125,29 @@ def fit(impacts: MeasuredImpacts, law: str, start: tuple[float, float] | None = 
     best = min(_STARTS, key=cost) if start is None else start
     solved = least_squares(residuals, best, bounds=_BOUNDS, diff_step=_DIFFERENCE)
     mu, e = solved.x.tolist()
-    steps = _bootstrap_steps(solved.fun.reshape(len(impacts), -1), solved.jac.reshape(len(impacts), -1, 2), resamples)
-    around = np.clip(solved.x + steps, *_BOUNDS)
-    return LawFit(law, Interval.of(mu, around[:, 0]), Interval.of(e, around[:, 1]))
+    resampled = _bootstrap(solved, len(impacts), resamples)
+    return LawFit(law, Interval.of(mu, resampled[:, 0]), Interval.of(e, resampled[:, 1]))
 
 
-def _bootstrap_steps(residuals: FloatArray, jacobian: FloatArray, resamples: int) -> FloatArray:
-    """Gauss-Newton steps of resampled least squares from the solution of the whole, (resamples, p).
+def _bootstrap(solved: Any, k: int, resamples: int) -> FloatArray:
+    """Parameters from resamples of k impacts: Gauss-Newton steps from the solution of the whole, (resamples, 2).
 
-    Args:
-        residuals: Of each impact at the solution, (k, n).
-        jacobian: Their derivatives, (k, n, p).
-        resamples: How many.
+    A parameter that a resample does not depend on, as mu where all contacts stick, may be anything within its bounds.
     """
-    k, n, _ = jacobian.shape
+    residuals, jacobian = solved.fun.reshape(k, -1), solved.jac.reshape(k, -1, 2)
     squares = np.einsum("kia,kib->kab", jacobian, jacobian)
     leverage = np.einsum("kia,ab,kjb->kij", jacobian, np.linalg.pinv(squares.sum(axis=0)), jacobian)
     # A fit pulls its residuals towards zero by their leverage (HC3 of MacKinnon and White 1985); with few impacts the
     # intervals would be too short.
-    free = np.linalg.solve(np.eye(n) - _SHARE * leverage, residuals[..., None])[..., 0]
-    gradients = np.einsum("kia,ki->ka", jacobian, free)
+    free = np.linalg.solve(np.eye(residuals.shape[1]) - _SHARE * leverage, residuals[..., None])[..., 0]
     counts = np.random.default_rng(0).multinomial(k, np.full(k, 1.0 / k), size=resamples)
-    inverses = np.linalg.pinv(np.einsum("sk,kab->sab", counts, squares))
-    return np.asarray(-np.einsum("sab,sb->sa", inverses, counts @ gradients))
+    totals = np.einsum("sk,kab->sab", counts, squares)
+    steps = np.einsum("sab,sb->sa", np.linalg.pinv(totals, rcond=_FLAT), counts @ np.einsum("kia,ki->ka", jacobian, free))
+    parameters = np.clip(solved.x - steps, *_BOUNDS)
+    for i, bounds in enumerate(zip(*_BOUNDS, strict=True)):
+        undetermined = totals[:, i, i] <= _FLAT * k
+        parameters[undetermined, i] = np.linspace(*bounds, int(undetermined.sum()))
+    return np.asarray(parameters)
 
 
 def median_interval(values: FloatArray, resamples: int = 2000, seed: int = 0) -> Interval:
