@@ -91,7 +91,7 @@ def rates_by_subsystem(
     """
     rates, twist, fixed = np.zeros(21), np.empty(6), system.fixed_bodies
     robot = grasped_bodies.union(system.robot.bodies)
-    for i, (body, point, force, torque) in enumerate(wrenches):
+    for i, (body, point, force, torque, _) in enumerate(wrenches):
         if body in fixed:
             continue  # a fixed body takes no power
         mujoco.mj_objectVelocity(system.mj, data, _BODY, body, twist, 0)

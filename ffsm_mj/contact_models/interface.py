@@ -403,7 +403,7 @@ class ForceSource(Source):
         """Add its generalised forces at the state and efforts in ``data`` of the scene, (nv,) of the motion."""
         motion = self.motion
         # Wrenches are on bodies of the logged system; the motion may join some of them, or have other coordinates.
-        for body, point, force, torque in self.wrenches(self.scene.data):
+        for body, point, force, torque, _ in self.wrenches(self.scene.data):
             mujoco.mj_applyFT(motion.model, motion.data, force, torque, point, motion.bodies[body], applied)
 
     def push(self, data: Any) -> None:

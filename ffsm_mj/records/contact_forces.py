@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple, overload
+from typing import Literal, NamedTuple, overload
 
 import numpy as np
 
@@ -21,12 +21,14 @@ class Wrench(NamedTuple):
         point: Where the force acts, m, (3,).
         force: N, (3,).
         torque: N m, beside the moment of the force, (3,).
+        by: What exerts it; what a contact model of a plug-in does counts as a contact.
     """
 
     body: int
     point: FloatArray
     force: FloatArray
     torque: FloatArray = _NO_TORQUE
+    by: Literal["contact", "grasp", "field"] = "contact"
 
 
 _NONE = np.zeros(3)

@@ -40,6 +40,12 @@ class SensorConfig(StrictModel):
     """With ``kind``: site, body (of frame sensors) or joint that it is on or measures."""
     relative_to: Name | None = None
     """With ``kind`` of a frame sensor: site or body in whose frame it measures; default: the world."""
+    part: Literal["contact", "grasp", "tool"] | None = None
+    """With ``kind: force`` or ``torque``: part of what comes through the site; default: all of it.
+
+    ``contact`` is what contacts exert on the tool, which is all beyond the site; ``grasp`` what it holds exerts on it;
+    ``tool`` the remainder, its inertia.
+    """
     axes: Literal["world", "eci"] | None = None
     """With ``kind: startracker``: inertial axes in which it measures: ``world`` (default), or ``eci`` of the orbit."""
     interval_s: PositiveFloat | None = None
@@ -82,6 +88,8 @@ class SensorConfig(StrictModel):
             raise ValueError("'kind' and 'of' go together: they add a sensor")
         if self.relative_to is not None and not (self.kind or "").startswith("frame"):
             raise ValueError("'relative_to' needs a 'kind' that begins with 'frame'")
+        if self.part is not None and self.kind not in ("force", "torque"):
+            raise ValueError("'part' needs 'kind: force' or 'kind: torque'")
         if self.axes is not None and self.kind != "startracker":
             raise ValueError("'axes' are those in which a sensor of 'kind: startracker' measures")
         if self.noise is not None and self.noise_density is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import mujoco
@@ -13,6 +13,7 @@ from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import cross
 from ffsm_mj.fields.surroundings import Surroundings
 from ffsm_mj.records.contact_forces import ActiveContact, Wrench
+from ffsm_mj.sensing.parts import WrenchPart
 from ffsm_mj.sensing.sensor import Sensor
 
 _DISABLED = int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
@@ -35,12 +36,14 @@ class _Evaluation(NamedTuple):
         forces: Whether forces of contact models are needed there.
         touch: Values of touch sensors and their sites.
         surrounded: Sensors of the surroundings, their values and their sites.
+        parts: Parts of forces and torques, and their values.
     """
 
     stages: tuple[Callable[[Any, Any], None], ...]
     forces: bool
     touch: tuple[tuple[slice, int], ...]
     surrounded: tuple[tuple[Sensor, slice, int], ...]
+    parts: tuple[tuple[WrenchPart, slice], ...]
 
 
 class SensorReader:
@@ -116,7 +119,8 @@ class SensorReader:
         options = self._model.opt
         options.disableflags &= ~_DISABLED
         try:
-            self._evaluate(evaluation, wrenches() if evaluation.forces else ())
+            forces = wrenches() if evaluation.forces else ()
+            self._evaluate(evaluation, forces)
         finally:
             options.disableflags |= _DISABLED
         values: FloatArray = self._values[self._order]
@@ -126,6 +130,8 @@ class SensorReader:
             values = whole
         for sensor, part, site in evaluation.surrounded:
             values[part] = self._of_surroundings(sensor, values[part], site)
+        for of_whole, part in evaluation.parts:
+            values[part] = of_whole.of(values[part], self._data, forces)
         if evaluation.touch:
             closed = contacts()
             for part, site in evaluation.touch:
@@ -144,6 +150,7 @@ class SensorReader:
             any(sensor.sums for sensor, _ in there),
             tuple((part, site) for sensor, part, site in at_sites if sensor.model.kind == "touch"),
             tuple(one for one in at_sites if one[0].model.kind in surrounding),
+            tuple((WrenchPart(self._motion, sensor), part) for sensor, part, _ in at_sites if sensor.part is not None),
         )
 
     def _evaluate(self, evaluation: _Evaluation, wrenches: Sequence[Wrench]) -> None:
@@ -204,14 +211,14 @@ class SensorReader:
 
 def apply_wrenches(motion: Motion, data: Any, wrenches: Sequence[Wrench]) -> None:
     """Add wrenches on bodies of the logged system to the external forces in data of a motion's model."""
-    for body, point, force, torque in wrenches:
+    for body, point, force, torque, _ in wrenches:
         motion_body = motion.bodies[body]
         data.xfrc_applied[motion_body, :3] += force
         data.xfrc_applied[motion_body, 3:] += torque + cross(point - data.xipos[motion_body], force)
 
 
 class ImpulseReader:
-    """Values of all sensors of a motion's model in an impact: those of force and torque sensors are impulses.
+    """Impulses through force and torque sensors of a motion's model in an event.
 
     Newton-Euler recursion is linear in accelerations and external forces where nothing moves and nothing weighs: with the
     jump of the velocities in place of accelerations, and impulses in place of forces, it gives the impulses between bodies.
@@ -220,12 +227,13 @@ class ImpulseReader:
         motion: The motion.
     """
 
-    def __init__(self, motion: Motion) -> None:
-        """Bind to a motion."""
+    def __init__(self, motion: Motion, sensors: Iterable[Sensor]) -> None:
+        """Bind to a motion and its force and torque sensors."""
         self.motion, self._still = motion, mujoco.MjData(motion.model)
+        self._parts = {sensor.name: WrenchPart(motion, sensor) for sensor in sensors if sensor.part is not None}
 
-    def read(self, jump: FloatArray, wrenches: Sequence[Wrench]) -> FloatArray:
-        """Values in the order of MuJoCo's own, N s and N m s.
+    def read(self, jump: FloatArray, wrenches: Sequence[Wrench]) -> Callable[[str], FloatArray]:
+        """Impulse through each sensor by its name, N s or N m s, (3,).
 
         Args:
             jump: Change of the velocities of the logged system, (nv,).
@@ -245,6 +253,12 @@ class ImpulseReader:
             apply_wrenches(motion, still, wrenches)
             mujoco.mj_rnePostConstraint(model, still)
             mujoco.mj_sensorAcc(model, still)
-            return np.array(still.sensordata)
         finally:
             model.opt.gravity[:], model.opt.disableflags = gravity, flags
+
+        def through(name: str) -> FloatArray:
+            whole = np.array(still.sensor(name).data)
+            part = self._parts.get(name)
+            return whole if part is None else part.of(whole, still, wrenches)
+
+        return through

@@ -208,11 +208,10 @@ class SensorSampler(Stateful):
         if not cells_by_group:
             return
         if self._impulses is None or self._impulses.motion is not motion:
-            self._impulses = ImpulseReader(motion)
-        values = self._impulses.read(jump, wrenches)
+            self._impulses = ImpulseReader(motion, [sensor for sensor in self._sensors if sensor.sums])
+        through = self._impulses.read(jump, wrenches)
         for group, cells in cells_by_group:
-            starts = [int(motion.model.sensor(name).adr[0]) for name in cells]
-            group.add_impulses(np.concatenate([values[start : start + 3] for start in starts]))
+            group.add_impulses(np.concatenate([through(name) for name in cells]))
 
     def measured(self, time_s: float) -> Mapping[str, Measurement]:
         """Newest sample of each sensor that has arrived at a time, by full name; evaluated where it is looked up."""

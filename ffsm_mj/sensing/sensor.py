@@ -52,6 +52,7 @@ class Sensor:
         occlusion: Whether geoms may hide it.
         reference: Attitude of the world axes in those in which a star tracker measures: a unit quaternion that turns vectors
             of world axes into them, (4,).
+        part: Part of a force or torque that it measures, see :mod:`ffsm_mj.sensing.parts`; None: all of it.
     """
 
     model: ModelSensor
@@ -73,6 +74,7 @@ class Sensor:
     field_of_view: FieldOfViewConfig | None
     occlusion: bool
     reference: FloatArray
+    part: str | None
 
     @property
     def name(self) -> str:
@@ -187,6 +189,7 @@ def _sensor(model: ModelSensor, size: int, config: SensorConfig, control_period_
         field_of_view=config.field_of_view,
         occlusion=config.occlusion,
         reference=reference,
+        part=config.part,
     )
 
 

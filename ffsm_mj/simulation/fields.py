@@ -148,4 +148,4 @@ class ExternalFields(ForceSource):
         self.forces.evaluate_now()
         bodies = self.forces.bodies
         parts = zip(self._ids, bodies.position_m.copy(), bodies.force_N.copy(), bodies.torque_N_m.copy(), strict=True)
-        return [Wrench(*part) for part in parts]
+        return [Wrench(*part, by="field") for part in parts]

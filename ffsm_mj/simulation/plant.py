@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import mujoco
 import numpy as np
@@ -108,17 +108,17 @@ def event_impulses(model: Any, records: Iterable[Any]) -> Iterator[Wrench]:
         if isinstance(record, ImpactRecord):
             impulse = record.impulse_N_s * np.array(record.normal) + np.array(record.tangential_impulse_N_s)
             bodies = [int(model.geom(name).bodyid[0]) for name in record.geoms]
-            yield from _pair(bodies, np.array(record.point_m), impulse, np.zeros(3))
+            yield from _pair(bodies, np.array(record.point_m), impulse, np.zeros(3), "contact")
         elif isinstance(record, GraspRecord):
             bodies = [int(model.site(name).bodyid[0]) for name in (record.robot_site, record.object_site)]
             angular = np.array(record.angular_impulse_N_m_s)
-            yield from _pair(bodies, np.array(record.point_m), np.array(record.impulse_N_s), angular)
+            yield from _pair(bodies, np.array(record.point_m), np.array(record.impulse_N_s), angular, "grasp")
 
 
-def _pair(bodies: list[int], point: Any, impulse: Any, angular: Any) -> Iterator[Wrench]:
+def _pair(bodies: list[int], point: Any, impulse: Any, angular: Any, by: Literal["contact", "grasp"]) -> Iterator[Wrench]:
     """Equal and opposite impulses on two bodies; the second takes the positive one."""
-    yield Wrench(bodies[0], point, -impulse, -angular)
-    yield Wrench(bodies[1], point, impulse, angular)
+    yield Wrench(bodies[0], point, -impulse, -angular, by)
+    yield Wrench(bodies[1], point, impulse, angular, by)
 
 
 @dataclass(frozen=True, eq=False)

@@ -81,7 +81,7 @@ class InterfaceLoad:
         for contact_model in [other for other in self._others if other.active]:
             wrenches = contact_model.wrenches(self._seen)
             contact_model.add_forces(applied)
-            for body, point, force, torque in wrenches:
+            for body, point, force, torque, _ in wrenches:
                 if body in grasped:
                     on_object[:3] += force
                     # Loads are about the object's site: a force elsewhere has a moment about it.

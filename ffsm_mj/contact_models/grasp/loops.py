@@ -453,7 +453,10 @@ class LoopForces(ForceSource):
             for i, (point, force, torque) in self._under_efforts().wrenches.items():
                 latch = loops.sources[i]
                 assert isinstance(latch, LatchedBodies)
-                pairwise += [Wrench(latch.first, point, -force, -torque), Wrench(latch.second, point, force, torque)]
+                pairwise += [
+                    Wrench(latch.first, point, -force, -torque, "grasp"),
+                    Wrench(latch.second, point, force, torque, "grasp"),
+                ]
         return pairwise
 
     def add_forces(self, applied: FloatArray) -> None:

@@ -273,32 +273,45 @@ def sensor_values(scene: LoggedScene, rows: LoggedRows, sensors: Sequence[Sensor
             if at in rows.kept and shown in rows.kept and not rows.is_at_event(at):
                 due.setdefault(at, []).append((sensor, rows.kept[shown][list(sensor.true)]))
     for at, samples in due.items():
-        forced = _put(scene, rows, at, with_forces=known and any(s.model.kind in _OF_FORCES for s, _ in samples))
+        loads = _put(scene, rows, at, with_forces=known and any(s.model.kind in _OF_FORCES for s, _ in samples))
         closed = scene.closed_in(rows.kept[at])
         for sensor, logged in samples:
-            if np.isnan(logged).any() or not (forced or sensor.model.kind not in _OF_FORCES):
+            if np.isnan(logged).any() or (loads is None and sensor.model.kind in _OF_FORCES):
                 continue  # the joint is gone while a grasp is closed, or forces are not known
             if closed and sensor.model.kind.startswith("subtree"):
                 continue  # MuJoCo's subtree of a link contains what it grasps
-            value = _value(scene, sensor)
+            value = _value(scene, sensor, loads or ())
             if sensor.model.shape == "rotation" and value @ logged < 0.0:
                 value = -value  # both signs are one orientation
             worst.add(sensor.name, value - logged, logged, rows.time_s(at), sensor.model.unit)
     return worst.findings
 
 
-def _value(scene: LoggedScene, sensor: SensorSettings) -> Array:
-    """True value of a sensor at the state in the data, whose surroundings MuJoCo does not know."""
-    data, kind, fields = scene.data, sensor.model.kind, scene.fields
+def _value(scene: LoggedScene, sensor: SensorSettings, loads: Sequence[_Load]) -> Array:
+    """True value of a sensor at the state in the data, whose surroundings MuJoCo does not know, nor parts of forces."""
+    data, kind, fields, part = scene.data, sensor.model.kind, scene.fields, sensor.value("part", None)
     value = np.array(data.sensor(sensor.name).data)
     if kind == "startracker" and fields.orbit is not None and sensor.value("axes", "world") == "eci":
         attitude = np.empty(4)
         mujoco.mju_mat2Quat(attitude, fields.orbit.axes.ravel())
         return np.asarray(_product(attitude[None], value[None])[0])
-    if kind not in ("accelerometer", "horizon", "magnetometer"):
+    if kind not in ("accelerometer", "horizon", "magnetometer", "force", "torque"):
         return value
     site = int(scene.model.sensor(sensor.name).objid[0])
     place, axes = data.site_xpos[site], data.site_xmat[site].reshape(3, 3)
+    if kind in ("force", "torque"):
+        of_grasps, carrier = np.zeros(3), int(scene.model.site_bodyid[site])
+        for link, child, point, (force, torque) in loads:
+            load = (torque + np.cross(point - place, force) if kind == "torque" else force) @ axes
+            if carrier == child:
+                value += load  # in a run the object is a child of the link, here it is not
+            elif carrier in _to_the_world(scene, link):
+                of_grasps += load
+        if part is None:
+            return value
+        # Values of forces are those of rows without contact forces: what is neither of the tool nor of a grasp is nothing.
+        parts = {"contact": np.zeros(3), "grasp": of_grasps, "tool": value - of_grasps}
+        return np.asarray(parts[part])
     if kind == "horizon" and fields.orbit is not None:
         down = -(fields.orbit.position(data.time) + place) @ axes
         return np.asarray(down / np.linalg.norm(down))
@@ -308,8 +321,24 @@ def _value(scene: LoggedScene, sensor: SensorSettings) -> Array:
     return np.asarray(value - fields.acceleration(data.time, place) @ axes)
 
 
-def _put(scene: LoggedScene, rows: LoggedRows, at: int, *, with_forces: bool) -> bool:
-    """Put the data to the state of a row as a sample sees it; returns whether sensors of forces are evaluated."""
+def _to_the_world(scene: LoggedScene, body: int) -> set[int]:
+    """A body and all between it and the world."""
+    chain = {body}
+    while body := int(scene.model.body_parentid[body]):
+        chain.add(body)
+    return chain
+
+
+_Load = tuple[int, int, Array, tuple[Array, Array]]
+"""A body that holds an object, the object, a point in world axes, and force and torque about it on the object."""
+
+
+def _put(scene: LoggedScene, rows: LoggedRows, at: int, *, with_forces: bool) -> tuple[_Load, ...] | None:
+    """Put the data to the state of a row as a sample sees it.
+
+    Returns:
+        What is exerted on held objects by what holds them; None if sensors of forces are not evaluated.
+    """
     model, data, row, efforts = scene.model, scene.data, rows.kept[at], None
     if with_forces and is_out_of_contact(scene, row):
         # At t = 0, before the first command, nothing is powered; a run that goes on from another has its efforts.
@@ -319,24 +348,23 @@ def _put(scene: LoggedScene, rows: LoggedRows, at: int, *, with_forces: bool) ->
     mujoco.mj_sensorPos(model, data)
     mujoco.mj_sensorVel(model, data)
     if efforts is None:
-        return False
+        return None
     closed = scene.closed_in(row)
-    accelerate(scene, closed)
-    if closed and not _load(scene, closed):
-        return False
-    mujoco.mj_sensorAcc(model, data)
-    return True
-
-
-def _load(scene: LoggedScene, closed: Sequence[Latched]) -> bool:
-    """Put the load of a grasp on its object and on what holds it; returns whether it is known: that of a single grasp is."""
     if len(closed) > 1:
-        return False
-    model, data, point = scene.model, scene.data, np.array(scene.data.site_xpos[closed[0].child])
-    link, child = scene.bodies(closed[0])
+        return None  # how they share the load is not known
+    accelerate(scene, closed)
+    loads = (_load(scene, closed[0]),) if closed else ()
+    mujoco.mj_sensorAcc(model, data)
+    return loads
+
+
+def _load(scene: LoggedScene, closed: Latched) -> _Load:
+    """Put the load of a grasp on its object and on what holds it."""
+    model, data, point = scene.model, scene.data, np.array(scene.data.site_xpos[closed.child])
+    link, child = scene.bodies(closed)
     load = load_on(scene, int(model.body_rootid[child]), point)
     for body, sign in ((child, 1.0), (link, -1.0)):
         data.xfrc_applied[body, :3] += sign * load[:3]
         data.xfrc_applied[body, 3:] += sign * (load[3:] + np.cross(point - data.xipos[body], load[:3]))
     mujoco.mj_rnePostConstraint(model, data)
-    return True
+    return link, child, point, (load[:3], load[3:])
