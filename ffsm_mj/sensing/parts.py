@@ -32,17 +32,17 @@ class WrenchPart:
         model, self._motion = motion.model, motion
         self._part, self._turns = sensor.part or "", sensor.model.kind == "torque"
         self._site = int(model.sensor(sensor.name).objid[0])
-        carrier, grasped = int(model.site_bodyid[self._site]), motion.grasped_object
-        held = {motion.bodies[body] for body in motion.grasped_bodies}
-        if carrier in held:
-            held.clear()  # on the object itself nothing is held: it is the tool
+        carrier, tree = int(model.site_bodyid[self._site]), motion.grasped_object
+        grasped = {motion.bodies[body] for body in motion.grasped_bodies}
+        if carrier in grasped:
+            grasped.clear()  # on the object itself nothing is held: it is the tool
         beyond = {carrier}
         for body in range(1, model.nbody):  # parents come before their children
             if int(model.body_parentid[body]) in beyond:
                 beyond.add(body)
-        self._tool = frozenset(beyond - held)
+        self._tool = frozenset(beyond - grasped)
         # What the robot holds on another of its links does not come through this sensor.
-        self._held = motion.bodies[grasped.root] if grasped is not None and beyond & held else None
+        self._object = motion.bodies[tree.root] if tree is not None and beyond & grasped else None
 
     def of(self, whole: FloatArray, data: Any, wrenches: Sequence[Wrench]) -> FloatArray:
         """The part in axes of the site, (3,), N or N m; N s or N m s of an event.
@@ -62,9 +62,9 @@ class WrenchPart:
         for body, point, force, torque, by in wrenches:
             if by == part and self._motion.bodies[body] in self._tool:
                 total -= torque + cross(point - place, force) if self._turns else force
-        if part == "grasp" and self._held is not None:
+        if part == "grasp" and self._object is not None:
             # MuJoCo's force between bodies acts on the child, about the mass centre of the whole tree.
-            torque, force = np.split(data.cfrc_int[self._held], 2)
-            centre = data.subtree_com[self._motion.model.body_rootid[self._held]]
+            torque, force = np.split(data.cfrc_int[self._object], 2)
+            centre = data.subtree_com[self._motion.model.body_rootid[self._object]]
             total += torque + cross(centre - place, force) if self._turns else force
         return np.asarray(total @ data.site_xmat[self._site].reshape(3, 3))

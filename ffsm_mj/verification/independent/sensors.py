@@ -288,8 +288,8 @@ def sensor_values(scene: LoggedScene, rows: LoggedRows, sensors: Sequence[Sensor
 
 
 def _value(scene: LoggedScene, sensor: SensorSettings, loads: Sequence[_Load]) -> Array:
-    """True value of a sensor at the state in the data, whose surroundings MuJoCo does not know, nor parts of forces."""
-    data, kind, fields, part = scene.data, sensor.model.kind, scene.fields, sensor.value("part", None)
+    """True value of a sensor at the state in the data, whose surroundings MuJoCo does not know."""
+    data, kind, fields = scene.data, sensor.model.kind, scene.fields
     value = np.array(data.sensor(sensor.name).data)
     if kind == "startracker" and fields.orbit is not None and sensor.value("axes", "world") == "eci":
         attitude = np.empty(4)
@@ -300,18 +300,7 @@ def _value(scene: LoggedScene, sensor: SensorSettings, loads: Sequence[_Load]) -
     site = int(scene.model.sensor(sensor.name).objid[0])
     place, axes = data.site_xpos[site], data.site_xmat[site].reshape(3, 3)
     if kind in ("force", "torque"):
-        of_grasps, carrier = np.zeros(3), int(scene.model.site_bodyid[site])
-        for link, child, point, (force, torque) in loads:
-            load = (torque + np.cross(point - place, force) if kind == "torque" else force) @ axes
-            if carrier == child:
-                value += load  # in a run the object is a child of the link, here it is not
-            elif carrier in _to_the_world(scene, link):
-                of_grasps += load
-        if part is None:
-            return value
-        # Values of forces are those of rows without contact forces: what is neither of the tool nor of a grasp is nothing.
-        parts = {"contact": np.zeros(3), "grasp": of_grasps, "tool": value - of_grasps}
-        return np.asarray(parts[part])
+        return _wrench(scene, sensor, site, value, loads)
     if kind == "horizon" and fields.orbit is not None:
         down = -(fields.orbit.position(data.time) + place) @ axes
         return np.asarray(down / np.linalg.norm(down))
@@ -319,6 +308,21 @@ def _value(scene: LoggedScene, sensor: SensorSettings, loads: Sequence[_Load]) -
         return value if fields.magnetic is None else np.asarray(fields.magnetic.at(data.time, place) @ axes)
     # Of an accelerometer MuJoCo takes off uniform gravity alone.
     return np.asarray(value - fields.acceleration(data.time, place) @ axes)
+
+
+def _wrench(scene: LoggedScene, sensor: SensorSettings, site: int, whole: Array, loads: Sequence[_Load]) -> Array:
+    """Force or torque at a site, or its part, from that without loads on what a grasp joins."""
+    data, of_grasps, carrier = scene.data, np.zeros(3), int(scene.model.site_bodyid[site])
+    for link, child, point, (force, torque) in loads:
+        moment = torque + np.cross(point - data.site_xpos[site], force)
+        load = (moment if sensor.model.kind == "torque" else force) @ data.site_xmat[site].reshape(3, 3)
+        if carrier == child:
+            whole = whole + load  # in a run the object is a child of the link, here it is not
+        elif carrier in _to_the_world(scene, link):
+            of_grasps += load
+    # Only rows without contact forces are asked for: what is neither of the tool nor of a grasp is nothing.
+    parts = {"contact": np.zeros(3), "grasp": of_grasps, "tool": whole - of_grasps}
+    return np.asarray(parts.get(sensor.value("part", ""), whole))
 
 
 def _to_the_world(scene: LoggedScene, body: int) -> set[int]:
