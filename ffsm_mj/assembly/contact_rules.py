@@ -349,6 +349,7 @@ def _pairs(
     pairs: list[ContactPair] = []
     unsupported: dict[frozenset[int], str] = {}
     thin: dict[int, str] = {}
+    oriented: set[tuple[int, int]] = set()
     sides = Sides(
         system, {geom for rule in rules for pair in rule.geoms for geom in pair if geom not in system.cones}, weld_m
     )
@@ -361,7 +362,11 @@ def _pairs(
                     unsupported[frozenset((a, b))] = fault
                     continue
                 if not fault and not system.cones.keys() & {a, b} and (sides.is_union(a) or sides.is_union(b)):
-                    united.setdefault((sides.body_of(a), sides.body_of(b)), []).append((a, b))
+                    # All pairs of two bodies have one sense, whatever the order in which rules name their geoms.
+                    bodies = sides.body_of(a), sides.body_of(b)
+                    turned = bodies[::-1] in oriented
+                    oriented.add(bodies[::-1] if turned else bodies)
+                    united.setdefault(bodies[::-1] if turned else bodies, []).append((b, a) if turned else (a, b))
                     continue
                 name = rule.name if rule.matched == 1 else f"{names[a]}-{names[b]}"
                 with faults.below(*_RULES, i, "between"):
@@ -380,6 +385,7 @@ def _pairs(
                         thin[error.source] = error.sentence
         for geom, sentence in thin.items():
             faults.add(f"{names[geom]} {sentence}", "contacts", "weld_m")
+    UnionPair.join_rules(pairs)
     return tuple(pairs), unsupported
 
 

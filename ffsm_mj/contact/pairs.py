@@ -17,7 +17,7 @@ geoms add a normal, contact points, features and friction.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeAlias
 
@@ -182,6 +182,11 @@ class ContactPair(Stateful):
     def geoms_at(self, near: Proximity, point: FloatArray) -> tuple[str, str]:  # noqa: ARG002
         """Full names of the geoms of a and b that touch at one of the points of a proximity."""
         return self.geoms
+
+    @property
+    def together(self) -> Sequence[ContactPair]:
+        """It and the pairs of the same bodies whose contact may go on with its own: of unions those of other rules."""
+        return (self,)
 
     @property
     def ids(self) -> tuple[int, int]:

@@ -152,8 +152,8 @@ class Side:
             return replace(face, centre=(x, y, z), normal=(a, b, c), sides=region.sides)
         return RegionFace(face.name, face.body, (x, y, z), (a, b, c), (), region=region)
 
-    def edge(self, line: Line, piece: Piece, place: Vector) -> Line:
-        """An edge of a piece, or a round side, as far as it is one of the union; axes of the body.
+    def edge(self, line: Line, piece: Piece, place: Vector) -> Line | None:
+        """An edge of a piece, or a round side, as far as it is one of the union, None: it is none; axes of the body.
 
         Args:
             line: The edge of the piece.
@@ -182,7 +182,7 @@ class Side:
                 )
                 centre, direction = (x, y, z), (a, b, c)
                 return replace(line, centre=centre, direction=direction, half=0.5 * length, wedge=wedge, ends=ends)
-        return line
+        return None
 
 
 def _along(line: Line, rod: Rod) -> Line:

@@ -12,7 +12,7 @@ of pieces by itself, and asks here only where it touches.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -32,7 +32,7 @@ from ffsm_mj.contact.shape import Shape
 from ffsm_mj.contact.sides import Piece, Side
 from ffsm_mj.model.system import System
 from ffsm_mj.state import StateError, entries
-from ffsm_mj.tolerances import CLOSED_RATE, CONTACT_GAP_M, DISTANCE_QUERY_M, MERGED_M, PARALLEL, RATE
+from ffsm_mj.tolerances import CLOSED_RATE, CONTACT_GAP_M, DISTANCE_QUERY_M, DRIFT_M, MERGED_M, PARALLEL, RATE, SAME_POINT_M
 
 _AT_POINT_M = 2.0 * CONTACT_GAP_M
 """Pieces within this of a contact point meet there: the point is midway of a gap of CONTACT_GAP_M, on faces that the
@@ -50,7 +50,7 @@ class UnionProximity(Proximity):
     """One patch of a contact of unions: all its points have one normal, and lie in one plane.
 
     Attributes:
-        pieces: Pairs of pieces that touch in it.
+        pieces: Pairs of pieces that touch in its plane, those of other rules too.
         owners: The pair of pieces of each point.
     """
 
@@ -73,6 +73,11 @@ class PiecePair(ContactPair):
         super().__init__(system, union.name, a.geom, b.geom, union.restitution, union.mu, rule=union.rule)
         self.position_tolerance = 0.0
 
+    @property
+    def together(self) -> Sequence[UnionPair]:
+        """The pairs of unions of the same bodies."""
+        return self.union.together
+
     def _normal_search(self) -> NormalSearch:
         if self.parts == (None, None):
             return super()._normal_search()
@@ -93,10 +98,10 @@ class PiecePair(ContactPair):
     def alone(self, model: Any, data: Any) -> Proximity:
         """Gap, normal, points and rates of these two pieces as if there were no others."""
         near = super().proximity(model, data)
-        if near.gap >= -DISTANCE_QUERY_M or self.gap(model, data) < -DISTANCE_QUERY_M:
+        if near.gap >= -DRIFT_M or self.gap(model, data) < -DISTANCE_QUERY_M:
             return near
-        # A body that slides over a seam touches the next piece on top, where it approached its covered side: the normal
-        # turns at once, and the search does not find it from the last one.
+        # Deeper than a contact drifts, and no overlap: a body that slides over a seam touches the next piece on top, where
+        # it approached its covered side. The normal turns at once, and the search does not find it from the last one.
         self._search.start_from(self._best_face(model, data))
         return super().proximity(model, data)
 
@@ -175,6 +180,7 @@ class UnionPair(ContactPair):
         self.on_left: Callable[[], None] = _nothing
         self._face: Feature | None = None
         self.is_beside = True
+        self._together: Sequence[UnionPair] = (self,)
 
     @dataclass
     class State:
@@ -194,6 +200,20 @@ class UnionPair(ContactPair):
             if not 0 <= number < self._allowed.size:
                 raise StateError(f"{self.name} has no pair of pieces {number}")
             self.piece_pair(number).set_state(kept)
+
+    @property
+    def together(self) -> Sequence[UnionPair]:
+        """It and the pairs of the same bodies under other rules, in the order of the rules."""
+        return self._together
+
+    @classmethod
+    def join_rules(cls, pairs: Iterable[ContactPair]) -> None:
+        """Let pairs of the same bodies know of each other: contact passes from one to another at a seam of two rules."""
+        by_sides: dict[tuple[Side, Side], list[UnionPair]] = {}
+        for pair in pairs:
+            if isinstance(pair, cls):
+                by_sides.setdefault(pair.sides, []).append(pair)
+                pair._together = by_sides[pair.sides]
 
     @cached_property
     def probe(self) -> Probe:
@@ -297,9 +317,10 @@ class UnionPair(ContactPair):
         return isinstance(near, UnionProximity) and self._is_closed(near, data)
 
     def _is_closed(self, near: UnionProximity, data: Any) -> bool:
-        """Whether persistent contact holds a point of the normal of a patch."""
+        """Whether persistent contact holds a point of the normal of a patch, be it under another rule."""
         # By the normals of now: they turn with a, with b or with neither, as faces and edges meet.
-        return any(math.dist(feature.at(data).normal, near.normal) <= _TURNED for feature in self._closed)
+        closed = (feature for union in self.together for feature in union._closed)
+        return any(math.dist(feature.at(data).normal, near.normal) <= _TURNED for feature in closed)
 
     def lie_on(self, face: Feature | None) -> None:
         """Note a corner on the face on which the bodies lie flat; None: they do not."""
@@ -312,20 +333,29 @@ class UnionPair(ContactPair):
     # ---- Contact
 
     def proximity(self, model: Any, data: Any) -> Proximity:
-        """The patch that approaches fastest; see :meth:`proximities`."""
-        return min(self.proximities(model, data), key=lambda near: near.rate)
+        """The patch that approaches fastest, or else the nearest points of the unions; see :meth:`proximities`."""
+        nearest = self._nearest((), model, data, DISTANCE_LIMIT_M)[1]
+        patches = self.proximities(model, data) or (self.piece_pair(nearest).alone(model, data),)
+        return min(patches, key=lambda near: near.rate)
 
     def proximities(self, model: Any, data: Any) -> tuple[Proximity, ...]:
-        """All patches of contact at the state in ``data``, or the nearest points of the unions if these are apart."""
-        near = self.within(model, data, _QUERY_M)
-        pairs = [self.piece_pair(k) for gap, k in near if gap <= DISTANCE_QUERY_M]
-        alone = [(pair, pair.alone(model, data)) for pair in pairs]
-        touching = [(pair, one) for pair, one in alone if one.gap <= CONTACT_GAP_M]
-        if touching:
-            return self._patches(model, data, touching)
+        """All patches of contact at the state in ``data``, or the nearest points of the unions if these are apart.
+
+        None where all corners of the patches are those of other rules.
+        """
+        alone = self._alone(model, data)
+        if any(one.gap <= CONTACT_GAP_M for _, one in alone):
+            every = (entry for union in self.together for entry in (alone if union is self else union._alone(model, data)))
+            return self._patches(model, data, [(pair, one) for pair, one in every if one.gap <= CONTACT_GAP_M])
         if alone:
             return (min((one for _, one in alone), key=lambda one: one.gap),)
         return (self.piece_pair(self._nearest((), model, data, DISTANCE_LIMIT_M)[1]).alone(model, data),)
+
+    def _alone(self, model: Any, data: Any) -> list[tuple[PiecePair, Proximity]]:
+        """Pairs of pieces that may touch, each as if there were no others."""
+        near = self.within(model, data, _QUERY_M)
+        pairs = [self.piece_pair(k) for gap, k in near if gap <= DISTANCE_QUERY_M]
+        return [(pair, pair.alone(model, data)) for pair in pairs]
 
     def at_pieces(self, model: Any, data: Any, pair: PiecePair, alone: Proximity) -> Proximity:
         """Proximity of two pieces that touch, with the normals of the unions: the patch that approaches fastest."""
@@ -338,21 +368,26 @@ class UnionPair(ContactPair):
         return min(patches, key=lambda near: near.rate + near.rate_tolerance, default=replace(alone, rates=np.zeros(1)))
 
     def _patches(self, model: Any, data: Any, touching: Sequence[tuple[PiecePair, Proximity]]) -> tuple[UnionProximity, ...]:
-        """Patches of some pairs of pieces that touch."""
+        """Patches of some pairs of pieces that touch, with their points of this rule."""
         groups: list[_Group] = []
         for pair, near in touching:
             for point in near.points:
-                for normal, owner in self._normals(model, data, pair, near, point):
+                for normal, owner in pair.union._normals(model, data, pair, near, point):
                     group = next((one for one in groups if one.has(normal, point)), None)
                     if group is None:
                         groups.append(group := _Group(float(normal @ point), [], [], []))
                     group.normals.append(normal)
                     group.points.append(point)
                     group.owners.append(owner)
-        return tuple(self._patch(model, data, group) for group in groups)
+        patches = (self._patch(model, data, group) for group in groups)
+        return tuple(patch for patch in patches if patch is not None)
 
-    def _patch(self, model: Any, data: Any, group: _Group) -> UnionProximity:
-        """The patch of some points with one normal: corners of their hull, so that seams and covered edges leave none."""
+    def _patch(self, model: Any, data: Any, group: _Group) -> UnionProximity | None:
+        """The patch of some points with one normal: corners of their hull, so that seams and covered edges leave none.
+
+        Where another rule goes on in its plane it has those of the corners that are this rule's; None without any.
+        """
+        every = np.array(group.points)
         pieces = tuple(dict.fromkeys(group.owners))
         shapes = [pair.shapes(model, data) for pair in pieces]
         # A face that lands on several pieces has the normal of either side to rounding: as of two geoms, the one that parts
@@ -360,8 +395,18 @@ class UnionPair(ContactPair):
         gap, normal = max(
             ((min(separation(*both, one) for both in shapes), one) for one in group.distinct()), key=lambda pair: pair[0]
         )
-        places = corners_across(np.array(group.points), normal)
-        points, owners = np.array(group.points)[places], tuple(group.owners[i] for i in places)
+        mine = [i for i, owner in enumerate(group.owners) if owner.union is self]
+        corners = every[corners_across(every, normal)]
+        # Corners within the distance at which points are one may be on either side of a seam of two rules: features decide.
+        places = [
+            i
+            for corner in (corners if mine else ())
+            for i in (min(mine, key=lambda k: math.dist(every[k], corner)),)
+            if math.dist(every[i], corner) <= SAME_POINT_M
+        ]
+        if not places:
+            return None
+        points, owners = every[places], tuple(group.owners[i] for i in places)
         rates, tolerance = self._rates(data, normal, points)
         rounding = gap_rounding(points)
         turned = np.round(normal @ data.xmat[self.body_b].reshape(3, 3), 6) + 0.0

@@ -81,10 +81,14 @@ def _search(
 
 
 def _of_patch(near: UnionProximity, model: Any, data: Any) -> tuple[Feature, ...]:
-    """Features at the points of a patch of two unions: those of its pieces, on the faces and edges of the unions."""
-    sides = near.pieces[0].union.sides
+    """Features at the points of a patch of two unions: those of its pieces, on the faces and edges of the unions.
+
+    Pieces of other rules have theirs in the plane, too: a point over a seam of two rules is on one of them.
+    """
+    mine = near.owners[0].union
+    sides = mine.sides
     bodies = Body(model, sides[0].body), Body(model, sides[1].body)
-    closed: list[tuple[GapFunction, FeatureState]] = []
+    closed: list[tuple[GapFunction, FeatureState, PiecePair]] = []
     for on_face in (True, False):
         closing = [
             (feature, pair)
@@ -94,17 +98,19 @@ def _of_patch(near: UnionProximity, model: Any, data: Any) -> tuple[Feature, ...
         ]
         for feature, pair in sorted(closing, key=lambda entry: _is_covered(*entry)):
             united = _united(feature, data, pair)
+            if united is None:
+                continue
             state = united.at(data)
             # Points of seams are no corners of the patch, and a corner over a seam is found by both pieces. Where a body
             # passes the rim between two cylinders, this is no contact beside that on their side.
             apart = SAME_POINT_M if _is_covered(feature, pair) else FEATURE_BOUND_M
             at_corner = any(math.dist(state.point, point) <= SAME_POINT_M for point in near.points)
-            if at_corner and all(math.dist(state.point, other.point) > apart for _, other in closed):
-                closed.append((united, state))
+            if at_corner and all(math.dist(state.point, other.point) > apart for _, other, _ in closed):
+                closed.append((united, state, pair))
         # The highest-dimensional contact wins, as between two geoms.
         if closed:
             break
-    return tuple(feature for feature, _ in closed)
+    return tuple(feature for feature, _, pair in closed if pair.union is mine)
 
 
 def _is_covered(feature: GapFunction, pair: PiecePair) -> bool:
@@ -114,8 +120,8 @@ def _is_covered(feature: GapFunction, pair: PiecePair) -> bool:
     return any(side.is_covered_end(core, piece) for core, (side, piece) in zip((first, second), entries, strict=True))
 
 
-def _united(feature: GapFunction, data: Any, pair: PiecePair) -> GapFunction:
-    """A feature of two pieces on the faces and edges of their unions.
+def _united(feature: GapFunction, data: Any, pair: PiecePair) -> GapFunction | None:
+    """A feature of two pieces on the faces and edges of their unions; None at an edge that is none of its union.
 
     All points over one plane then have one face, and the edges of several pieces on one line are one edge: crossing a seam
     changes no number.
@@ -127,15 +133,19 @@ def _united(feature: GapFunction, data: Any, pair: PiecePair) -> GapFunction:
     for core, side, piece in zip((first, second), sides, pieces, strict=True):
         motion = core.body.motion(data)
         place = motion.local(minus((x, y, z), motion.origin))
+        united: Core | None = core
         if isinstance(core, Face) and core.sides:
             among = pair.union.of_rule[pair.union.sides.index(side)]
-            cores.append(side.face(core, piece, place, among))
-        else:
-            cores.append(side.edge(core, piece, place) if isinstance(core, Line) else core)
+            united = side.face(core, piece, place, among)
+        elif isinstance(core, Line):
+            united = side.edge(core, piece, place)
+        if united is None:
+            return None
+        cores.append(united)
     arguments: tuple[Any, ...] = (name, swapped, *cores, *rest)
-    united = type(feature)(*arguments)
-    united.set_state(feature.get_state())
-    return united
+    of_union = type(feature)(*arguments)
+    of_union.set_state(feature.get_state())
+    return of_union
 
 
 def features_at_rest(

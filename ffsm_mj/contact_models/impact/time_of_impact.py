@@ -44,7 +44,7 @@ from ffsm_mj.contact.motion_bound import TravelBound, speeds_per_root_energy
 from ffsm_mj.contact.normal import DISTANCE_LIMIT_M
 from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint, by_kind
 from ffsm_mj.contact.proximity import Proximity
-from ffsm_mj.contact.union_pair import PiecePair, UnionPair
+from ffsm_mj.contact.union_pair import UnionPair
 from ffsm_mj.contact_models.impact.columns import DeepestOverlap
 from ffsm_mj.contact_models.impact.resolution import ClosedPairs, PersistentContacts, closed_pairs
 from ffsm_mj.contact_models.interface import EventSource, Replayable, Scene
@@ -554,7 +554,7 @@ class Detector(EventSource, Replayable):
 
         touch = first_touch(at, start, end, pressed)
         # Two pieces that touch where other pieces cover them, or go on with a contact that is held, begin nothing.
-        if touch is not None and isinstance(pair, PiecePair) and self._holds(pair.union) and not at(touch).approaches:
+        if touch is not None and not pair.is_limit and any(map(self._holds, pair.together)) and not at(touch).approaches:
             return None
         return touch
 

@@ -143,9 +143,11 @@ class ContactChanges:
         if kind is CONTACT_BEGINS:
             self.logged += pairs
         elif kind is CONTACT_ENDS:
+            beyond = self._closed.pairs_outside_feature()
             for pair in pairs:
                 self.logged.remove(pair)
                 self._closed.remove(pair)
+            self._pass_on([pair for pair in pairs if pair in beyond])
         elif kind in FRICTION_KINDS:
             # Here, not at the next step: the records have the forces in the modes from here on.
             self._closed.update_pressing()
@@ -161,6 +163,15 @@ class ContactChanges:
                 closed.set_points(pair, self._features_now(pair))
             else:
                 closed.set_points(pair, [contact for contact in closed.by_pair[pair] if contact not in leaving])
+        self._pass_on([pair for pair in pairs if pair in beyond])
+
+    def _pass_on(self, pairs: Sequence[UnilateralConstraint]) -> None:
+        """Let other rules of the same bodies take over what some pairs lost: contact goes on beyond a seam of two rules."""
+        others = (other for pair in pairs if not pair.is_limit for other in pair.together if other not in pairs)
+        for other in dict.fromkeys(others):
+            points = self._features_now(other)
+            if points or other in self._closed.by_pair:
+                self._closed.set_points(other, points)
 
     def _features_now(self, pair: UnilateralConstraint) -> tuple[ContactPoint, ...]:
         """Contact points of a pair that left a feature: none if, for example, a corner slid off a face."""
