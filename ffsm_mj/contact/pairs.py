@@ -17,7 +17,7 @@ geoms add a normal, contact points, features and friction.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeAlias
 
@@ -105,11 +105,17 @@ class ContactPair(Stateful):
         flush_angle: Angle of the normals at both ends of such sides, rad; 0 without round sides.
         size: Half the thinnest extent of both geoms in m; over a shorter motion the gap has at most one extremum.
         touches_once: Whether it touches at one point at most: one of the geoms is strictly convex.
+        rolls: Whether one of both bodies is nothing but a strictly convex geom.
+        has_pieces: Whether it has pieces of which some may touch while others are apart.
+        is_beside: Whether the bodies may touch beside the face on which they lie flat.
+        on_left: Called where pieces cease to be watched by contact points: they are to be followed by distance again.
         is_limit: False: it is no joint limit.
         parts: Parts of the geoms that touch; None: a whole geom.
     """
 
     is_limit: Literal[False] = False
+    has_pieces = False
+    is_beside = False
     parts: tuple[Part | None, Part | None] = (None, None)
 
     @dataclass
@@ -144,7 +150,8 @@ class ContactPair(Stateful):
         self._kinds = {int(model.geom_type[g]) for g in self.geom_ids}
         scatters = _ELLIPSOID in self._kinds or (_CYLINDER in self._kinds and _SPHERE not in self._kinds)
         self._query_scatters = scatters and _PLANE not in self._kinds
-        self.touches_once = bool({_SPHERE, _ELLIPSOID} & self._kinds)
+        self.touches_once = self.rolls = bool({_SPHERE, _ELLIPSOID} & self._kinds)
+        self.on_left: Callable[[], None] = _nothing
         self._check(system)
         on_robot = [body in system.robot.bodies for body in (self.body_a, self.body_b)]
         self.robot_on_object = on_robot == [True, False]
@@ -181,6 +188,10 @@ class ContactPair(Stateful):
 
     def geoms_at(self, near: Proximity, point: FloatArray) -> tuple[str, str]:  # noqa: ARG002
         """Full names of the geoms of a and b that touch at one of the points of a proximity."""
+        return self.geoms
+
+    def geoms_among(self, model: Any, data: Any, points: Iterable[FloatArray]) -> tuple[str, str]:  # noqa: ARG002
+        """Full names of two geoms of a and b that touch at one of some contact points at the state in ``data``."""
         return self.geoms
 
     @property
@@ -226,6 +237,19 @@ class ContactPair(Stateful):
     def apart_within(self, model: Any, data: Any, reach: float) -> Iterable[ContactPair]:  # noqa: ARG002
         """What event location follows of it, given how near it may have come in m: all of it."""
         return (self,)
+
+    def joined_pairs(self) -> Sequence[ContactPair]:
+        """What contact points watch of it while persistent contact holds it: all of it."""
+        return (self,)
+
+    def hold(self, features: Sequence[Any]) -> None:
+        """Note the contact points that persistent contact holds; see :class:`~ffsm_mj.contact.union_pair.UnionPair`."""
+
+    def join(self, model: Any, data: Any) -> None:
+        """Watch by contact points what touches in patches that are held at the state in ``data``, from here on."""
+
+    def lie_on(self, face: Any) -> None:
+        """Note a corner on the face on which the bodies lie flat; None: they do not."""
 
     def gap_to_rounding(self, model: Any, data: Any, gap: float) -> float:
         """The gap at the state in ``data``, to rounding.
@@ -313,6 +337,10 @@ class ContactPair(Stateful):
         """Velocities of points fixed to a body, (k, 3), m/s."""
         angular, linear = data.cvel[body][:3], data.cvel[body][3:]
         return np.asarray(linear + np.cross(angular, points - data.subtree_com[root]))
+
+
+def _nothing() -> None:
+    """Nobody follows pieces."""
 
 
 UnilateralConstraint: TypeAlias = ContactPair | JointLimit

@@ -12,7 +12,7 @@ of pieces by itself, and asks here only where it touches.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,7 +21,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.cached_property import cached_property
-from ffsm_mj.contact.cells import cells, chosen_cell, in_cone, intersection, nearest_in_cone, separating_normals
+from ffsm_mj.contact.cells import cells, chosen_cell, in_cone, separating_normals
 from ffsm_mj.contact.features.gap_function import Feature
 from ffsm_mj.contact.normal import DISTANCE_LIMIT_M, NormalSearch, separation
 from ffsm_mj.contact.pairs import ContactPair, gap_rounding
@@ -30,19 +30,17 @@ from ffsm_mj.contact.probe import PartSearch, Probe
 from ffsm_mj.contact.proximity import FAR_M, Proximity, SecondRate, second_rate
 from ffsm_mj.contact.shape import Shape
 from ffsm_mj.contact.sides import Piece, Side
+from ffsm_mj.contact.surfaces import AT_POINT_M, ONE_NORMAL, AmongOthers, crosses_seam, levelled, may_tie
 from ffsm_mj.model.system import System
 from ffsm_mj.state import StateError, entries
 from ffsm_mj.tolerances import CLOSED_RATE, CONTACT_GAP_M, DISTANCE_QUERY_M, DRIFT_M, MERGED_M, PARALLEL, RATE, SAME_POINT_M
 
-_AT_POINT_M = 2.0 * CONTACT_GAP_M
-"""Pieces within this of a contact point meet there: the point is midway of a gap of CONTACT_GAP_M, on faces that the
-weld has made one."""
 _QUERY_M = 1e-3
 """Limit of queries that look for pieces in contact: a small limit ends a query early."""
 _TURNED = 1e-4
 """Normals of a contact point that is held and of the patch that is found there differ by less: in a corner by much more."""
-_ONE_NORMAL = 1e-9
-"""Unit normals that differ by less are one: those of coplanar faces of one body differ by rounding."""
+_ONE_POINT = (int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_ELLIPSOID))
+"""Strictly convex geoms: they touch any convex geom at one point only."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +127,7 @@ class PiecePair(ContactPair):
         at, (a, b) = face.at(data), self.shapes(model, data)
         level = float(at.normal @ at.point)
         highest, lowest = (a.extreme(at.normal) @ at.normal).max(), (b.extreme(-at.normal) @ at.normal).min()
-        return bool(highest <= level + _AT_POINT_M and lowest >= level - _AT_POINT_M)
+        return bool(highest <= level + AT_POINT_M and lowest >= level - AT_POINT_M)
 
 
 class UnionPair(ContactPair):
@@ -140,9 +138,9 @@ class UnionPair(ContactPair):
         of_rule: Numbers of the pieces of each that the rule names.
         joined: Pairs of pieces that touch at the start of a step while persistent contact holds the pair: these are
             watched by their contact points, all others by their distance.
-        on_left: Called where pieces cease to be joined: they are to be followed by distance again.
-        is_beside: Whether the bodies may touch beside the face on which they lie flat.
     """
+
+    has_pieces = True
 
     def __init__(
         self,
@@ -169,7 +167,8 @@ class UnionPair(ContactPair):
         first = min(geoms)
         super().__init__(system, name, *first, restitution, mu, rule=rule)
         self.body_a, self.body_b = (side.body for side in sides)
-        self.position_tolerance = 0.0
+        self.position_tolerance, self.touches_once = 0.0, False
+        self.rolls = any(len(side.pieces) == 1 and side.pieces[0].kind in _ONE_POINT for side in sides)
         self._allowed = np.array([[(a.geom, b.geom) in self._geoms for b in sides[1].pieces] for a in sides[0].pieces])
         self.of_rule = tuple(frozenset(np.flatnonzero(self._allowed.any(axis=k)).tolist()) for k in (1, 0))
         self._known: dict[int, PiecePair] = {}
@@ -177,7 +176,6 @@ class UnionPair(ContactPair):
         self._radii = a.radius_about(first[0]), b.radius_about(first[1])
         self.joined: frozenset[int] = frozenset()
         self._closed: tuple[Feature, ...] = ()
-        self.on_left: Callable[[], None] = _nothing
         self._face: Feature | None = None
         self.is_beside = True
         self._together: Sequence[UnionPair] = (self,)
@@ -276,6 +274,10 @@ class UnionPair(ContactPair):
                 best = min(best, (self.piece_pair(number).gap(model, data, best[0]), number))
         return best
 
+    def _nearest_pair(self, model: Any, data: Any) -> PiecePair:
+        """The two pieces that are nearest to each other."""
+        return self.piece_pair(self._nearest((), model, data, DISTANCE_LIMIT_M)[1])
+
     def gap_to_rounding(self, model: Any, data: Any, gap: float) -> float:
         """The gap at the state in ``data``, to rounding; see :class:`ContactPair`."""
         nearest, number = self._nearest((), model, data, DISTANCE_LIMIT_M)
@@ -334,8 +336,7 @@ class UnionPair(ContactPair):
 
     def proximity(self, model: Any, data: Any) -> Proximity:
         """The patch that approaches fastest, or else the nearest points of the unions; see :meth:`proximities`."""
-        nearest = self._nearest((), model, data, DISTANCE_LIMIT_M)[1]
-        patches = self.proximities(model, data) or (self.piece_pair(nearest).alone(model, data),)
+        patches = self.proximities(model, data) or (self._nearest_pair(model, data).alone(model, data),)
         return min(patches, key=lambda near: near.rate)
 
     def proximities(self, model: Any, data: Any) -> tuple[Proximity, ...]:
@@ -349,7 +350,7 @@ class UnionPair(ContactPair):
             return self._patches(model, data, [(pair, one) for pair, one in every if one.gap <= CONTACT_GAP_M])
         if alone:
             return (min((one for _, one in alone), key=lambda one: one.gap),)
-        return (self.piece_pair(self._nearest((), model, data, DISTANCE_LIMIT_M)[1]).alone(model, data),)
+        return (self._nearest_pair(model, data).alone(model, data),)
 
     def _alone(self, model: Any, data: Any) -> list[tuple[PiecePair, Proximity]]:
         """Pairs of pieces that may touch, each as if there were no others."""
@@ -421,11 +422,11 @@ class UnionPair(ContactPair):
             return  # the next cylinder has the contact
         a, b = (self._there(side, model, data, point) for side in self.sides)
         # Deeper overlaps have no common point of both surfaces: they are asked for to find when they began.
-        if near.gap < -CONTACT_GAP_M or (len(a) <= 1 and len(b) <= 1 and not _may_tie(a, b)):
+        if near.gap < -CONTACT_GAP_M or (len(a) <= 1 and len(b) <= 1 and not may_tie(a, b)):
             yield near.normal, pair
             return
-        if pair.is_curved and (level := _levelled(pair, near.normal, a, b)) is not None:
-            if not _crosses_seam(pair.shapes(model, data), point, level, (a, b)):
+        if pair.is_curved and (level := levelled(self.sides, pair.pieces, near.normal, (a, b))) is not None:
+            if not crosses_seam(pair.shapes(model, data), point, level, (a, b)):
                 yield level, pair
             return
         clauses = {(one, other): separating_normals(a[one], b[other]) for one in a for other in b}
@@ -437,7 +438,7 @@ class UnionPair(ContactPair):
             owners = [self.number_of(*pieces) for pieces in parted if self._allowed[pieces[0].number, pieces[1].number]]
             if owners:
                 # The search knows its normal to rounding; that of two edges here is a cross product.
-                better = near.normal if math.dist(near.normal, normal) <= _ONE_NORMAL else normal
+                better = near.normal if math.dist(near.normal, normal) <= ONE_NORMAL else normal
                 yield better, self.piece_pair(min(owners))
 
     def _is_covered(self, pair: PiecePair, data: Any, normal: FloatArray) -> bool:
@@ -458,8 +459,8 @@ class UnionPair(ContactPair):
         rotation = data.xmat[side.body].reshape(3, 3)
         local = (point - data.xpos[side.body]) @ rotation
         there = {}
-        for piece in side.at(local, _AT_POINT_M):
-            normals = Shape(model, data, piece.geom, piece.part).normals_at(point, _AT_POINT_M)
+        for piece in side.at(local, AT_POINT_M):
+            normals = Shape(model, data, piece.geom, piece.part).normals_at(point, AT_POINT_M)
             if normals is not None:
                 exposed = [normal for normal in normals if not side.is_covered(piece, normal @ rotation)]
                 if exposed:
@@ -470,7 +471,7 @@ class UnionPair(ContactPair):
         """Second rate of the gap at one of the points of a patch; accelerations in ``data`` must be current."""
         owner, half = _owner(near, point), 0.5 * near.gap * near.normal
         shapes = [
-            _AmongOthers(model, data, piece, [*self._there(side, model, data, point)], point, side.body)
+            AmongOthers(model, data, piece, [*self._there(side, model, data, point)], point, side.body)
             for piece, side in zip(owner.pieces, self.sides, strict=True)
         ]
         bodies, points = (self.body_a, self.body_b), (point - half, point + half)
@@ -480,64 +481,26 @@ class UnionPair(ContactPair):
         """Full names of the geoms of the pieces that touch at one of the points of a patch."""
         return _owner(near, point).geoms
 
+    def geoms_among(self, model: Any, data: Any, points: Iterable[FloatArray]) -> tuple[str, str]:
+        """Full names of two geoms whose pieces meet at one of some contact points; of the nearest pieces without any.
 
-class _AmongOthers(Shape):
-    """A piece of a union at a contact point, with what the pieces next to it add to its face there."""
-
-    def __init__(self, model: Any, data: Any, piece: Piece, there: Sequence[Piece], point: FloatArray, body: int) -> None:
-        """Take the pieces that have a point, world axes, on their surface."""
-        super().__init__(model, data, piece.geom, piece.part)
-        axes = data.xmat[body].reshape(3, 3).T
-        self._others = [
-            data.xpos[body] + other.polytope.vertices @ axes
-            for other in there
-            if other is not piece and other.polytope is not None
-        ]
-        self._point = point
-
-    def extreme(self, direction: FloatArray, width: float = 0.0, tolerance: float = 0.0) -> FloatArray:
-        """Extreme points of the piece along a unit vector, and those of pieces beside it that go on there or rise above.
-
-        At a seam a face goes on in the next piece, and where another piece stands on it, it ends at no edge of the union.
+        Of several the first: the order of points depends on rounding.
         """
-        points, level = [super().extreme(direction, width, tolerance)], float(self._point @ direction)
-        if width > 0.0:
-            heights = [(vertices @ direction - level, vertices) for vertices in self._others]
-            points += [vertices[height >= -_AT_POINT_M] for height, vertices in heights]
-        every = np.concatenate(points)
-        return every[corners_across(every, direction)] if len(points) > 1 else every
+        met = [
+            self.number_of(one, other)
+            for point in points
+            for a, b in (tuple(self._there(side, model, data, point) for side in self.sides),)
+            for one in a
+            for other in b
+            if self._allowed[one.number, other.number]
+        ]
+        return (self.piece_pair(min(met)) if met else self._nearest_pair(model, data)).geoms
 
 
 def _owner(near: Proximity, point: FloatArray) -> PiecePair:
     """The pair of pieces at a point of a patch."""
     assert isinstance(near, UnionProximity)
     return near.owners[min(range(len(near.points)), key=lambda i: math.dist(near.points[i], point))]
-
-
-def _may_tie(a: Mapping[Piece, FloatArray], b: Mapping[Piece, FloatArray]) -> bool:
-    """Whether two single pieces meet by an edge or corner each: if one lies exactly on the other, there is no one normal."""
-    polytopes = all(piece.polytope is not None for piece in (*a, *b))
-    return polytopes and min((len(normals) for normals in (*a.values(), *b.values())), default=0) > 1
-
-
-def _crosses_seam(
-    shapes: tuple[Shape, Shape],
-    point: FloatArray,
-    normal: FloatArray,
-    there: tuple[Mapping[Piece, FloatArray], Mapping[Piece, FloatArray]],
-) -> bool:
-    """Whether a point is there only because a rim crosses the seam of two faces in one plane: it would share the load."""
-    for k, sense in ((0, 1.0), (1, -1.0)):
-        outward = sense * normal
-        level = [any(math.dist(one, outward) <= _ONE_NORMAL for one in normals) for normals in there[k].values()]
-        if sum(level) > 1:
-            corners = shapes[1 - k].extreme(-outward, PARALLEL, CONTACT_GAP_M)
-            return float(np.linalg.norm(corners - point, axis=1).min()) > _AT_POINT_M
-    return False
-
-
-def _nothing() -> None:
-    """Nobody follows the pieces."""
 
 
 @dataclass
@@ -561,25 +524,3 @@ class _Group:
             if all(math.dist(normal, other) > MERGED_M for other in kept):
                 kept.append(normal)
         return kept
-
-
-def _levelled(
-    pair: PiecePair, normal: FloatArray, a: Mapping[Piece, FloatArray], b: Mapping[Piece, FloatArray]
-) -> FloatArray | None:
-    """The normal of the union that the normal of a round piece is off by rounding; None if it is off by more.
-
-    A sphere that has sunk by rounding meets the edge of the next box before its face, with a normal that is tilted by
-    sqrt(2 depth / radius). The normals of a union are the intersection of those of its pieces: there is only the face.
-    """
-    cone: FloatArray | None = None
-    for sense, pieces, side, paired in zip((1.0, -1.0), (a, b), pair.union.sides, pair.pieces, strict=True):
-        for piece, normals in pieces.items():
-            if not piece.is_curved or (piece is not paired and not side.are_one_surface(piece, paired)):
-                cone = sense * normals if cone is None else intersection(cone, sense * normals)
-    if cone is None:  # nothing but the round surfaces of both pieces
-        return normal
-    if not len(cone):
-        return None
-    level = nearest_in_cone(cone, normal)
-    radius = min(piece.radius for piece in pair.pieces if piece.is_curved)
-    return level if math.dist(level, normal) <= math.sqrt(2.0 * _AT_POINT_M / radius) else None

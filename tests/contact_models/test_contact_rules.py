@@ -79,6 +79,12 @@ def test_default_contacts_resolve_every_geom_that_collides(fallen):
     assert feet == {"robot/foot", *(f"robot/{name}" for name in PLACES[1:])}
     assert {record.geoms[1] for record in fallen.impacts} == {"floor/left", "floor/right"}
     assert {record.pair for record in fallen.impacts} == {"robot-floor"}
+    # Each beginning and end names feet that touch there, not the plate.
+    changes = [*fallen.records["contact_beginnings"], *fallen.records["contact_endings"]]
+    assert changes
+    assert {record.geoms[0] for record in changes} <= feet
+    right = {"robot/foot", "robot/table_geom_3"}  # at x > 0
+    assert all((record.geoms[1] == "floor/right") == (record.geoms[0] in right) for record in changes)
     # At rest on four feet: 4 kg at 2 m/s^2.
     assert fallen["contact.robot_floor_pairs"][-1] == 1
     assert fallen["contact.robot_floor_force_N"][-1] == pytest.approx(8.0, rel=1e-6)
@@ -184,7 +190,7 @@ def test_the_last_rule_that_names_a_pair_has_it(tmp_path):
     }
     text = "\n".join(prepared.describe())
     assert "rough: e = 0.5, mu = 0.2, 4 pairs (1 more ignored or in later rules)" in text
-    assert "left-foot: e = 0.7, floor/left - robot/foot" in text
+    assert "left-foot: e = 0.7, robot/foot - floor/left" in text
 
 
 def test_a_shape_without_an_exact_distance_ends_the_run_where_it_is_met(tmp_path):

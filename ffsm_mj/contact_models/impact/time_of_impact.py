@@ -44,7 +44,6 @@ from ffsm_mj.contact.motion_bound import TravelBound, speeds_per_root_energy
 from ffsm_mj.contact.normal import DISTANCE_LIMIT_M
 from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint, by_kind
 from ffsm_mj.contact.proximity import Proximity
-from ffsm_mj.contact.union_pair import UnionPair
 from ffsm_mj.contact_models.impact.columns import DeepestOverlap
 from ffsm_mj.contact_models.impact.resolution import ClosedPairs, PersistentContacts, closed_pairs
 from ffsm_mj.contact_models.interface import EventSource, Replayable, Scene
@@ -430,7 +429,7 @@ class Detector(EventSource, Replayable):
         self.watched = frozenset(ids for pair in self.pairs for ids in pair.geom_pairs)
         self.travels = (self._clearances.travel,)
         for i, pair in enumerate(geoms):
-            if isinstance(pair, UnionPair):
+            if pair.has_pieces:
                 pair.on_left = partial(self._follow_pieces, i)
         self._suspects: tuple[UnilateralConstraint, ...] = ()
         # Evaluations of this step by pair and time; those at its end are kept as the start of the next step.
@@ -459,7 +458,8 @@ class Detector(EventSource, Replayable):
 
         A pair of unions that is held goes on with those pieces that do not touch.
         """
-        return (self._holds(pair) and not isinstance(pair, UnionPair)) or pair.geom_ids in self.motion.disabled
+        in_contact = self._holds(pair) and (pair.is_limit or not pair.has_pieces)
+        return in_contact or pair.geom_ids in self.motion.disabled
 
     def is_clear(self) -> bool:
         """Whether the bounds on the motion exclude contact of all pairs in the last step."""

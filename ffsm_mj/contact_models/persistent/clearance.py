@@ -9,7 +9,6 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from ffsm_mj.contact.features.body_motion import Vector, cross
@@ -18,7 +17,6 @@ from ffsm_mj.contact.features.point_line_gaps import PointOnFace
 from ffsm_mj.contact.features.round_gaps import RoundOnFace
 from ffsm_mj.contact.features.search import features
 from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
-from ffsm_mj.contact.union_pair import UnionPair
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint, over_one_face
 from ffsm_mj.tolerances import FLAT_M, LANDING_DEPTH_M, OTHER_POINT_M
@@ -29,8 +27,6 @@ LEVEL_M = 0.1 * OTHER_POINT_M
 """Three corners within this of a face keep every other corner within OTHER_POINT_M of it, at ten times their distance."""
 _NARROW = 0.1
 """Points whose spread across their longest direction is below this share are on a line."""
-_ONE_POINT = (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID)
-"""Strictly convex geoms: they touch any convex geom at one point only."""
 GapsOf = Callable[[ContactPair], Sequence[float]]
 """Gaps of the contact points of a pair at the present state, m."""
 _TILT_SHARE = 0.2
@@ -58,17 +54,16 @@ class Clearance:
 
     def set_pairs(self, by_pair: Mapping[UnilateralConstraint, Sequence[ContactPoint]]) -> None:
         """Set the closed pairs and their contact points."""
-        self.pairs = [pair for pair in by_pair if isinstance(pair, ContactPair) and may_touch_at_several_points(pair)]
+        self.pairs = [pair for pair in by_pair if not pair.is_limit and not pair.touches_once]
         # Vertices of a mesh are as far from the plane of its face as single precision takes them.
         lie_flat = [
             pair
             for pair in self.pairs
-            if (isinstance(pair, UnionPair) or not pair.is_of(mujoco.mjtGeom.mjGEOM_MESH))
+            if pair.position_tolerance == 0.0
             and (_lie_flat(features := [point.feature for point in by_pair[pair]]) or _rolls_on_face(pair, features))
         ]
         for pair in self.pairs:
-            if isinstance(pair, UnionPair):
-                pair.lie_on(by_pair[pair][0].feature if pair in lie_flat else None)
+            pair.lie_on(by_pair[pair][0].feature if pair in lie_flat else None)
         self._lie_flat = frozenset(lie_flat)
         self.forget()
 
@@ -76,7 +71,7 @@ class Clearance:
     def flat_pairs(self) -> frozenset[ContactPair]:
         """Pairs that lie on a face with three corners at least, and of which nothing else touches."""
         # Of two unions a piece that stands beside the face may touch as well.
-        return frozenset(pair for pair in self._lie_flat if not (isinstance(pair, UnionPair) and pair.is_beside))
+        return frozenset(pair for pair in self._lie_flat if not pair.is_beside)
 
     def forget(self) -> None:
         """Discard the clearance that is kept."""
@@ -103,8 +98,7 @@ class Clearance:
         """Gap of a pair less the deepest of its contact points, m."""
         # The drift of closed points lowers the whole pair: only what is deeper than they are is another point. Pieces of
         # unions that do not touch yet are followed by event location.
-        parts = pair.joined_pairs() if isinstance(pair, UnionPair) else [pair]
-        return min(map(self._pair_gap, parts), default=math.inf) - min([0.0, *gaps])
+        return min(map(self._pair_gap, pair.joined_pairs()), default=math.inf) - min([0.0, *gaps])
 
     def _pair_gap(self, pair: ContactPair) -> float:
         """Gap of a pair, m.
@@ -136,18 +130,9 @@ class Clearance:
         ]
 
 
-def may_touch_at_several_points(pair: Any) -> bool:
-    """Whether a pair may touch at several points."""
-    return isinstance(pair, UnionPair) or not pair.touches_once
-
-
 def _rolls_on_face(pair: ContactPair, features: Sequence[Feature]) -> bool:
     """Whether a sphere or ellipsoid is on one face of a union: it is beyond the plane of that face as three corners are."""
-    return (
-        isinstance(pair, UnionPair)
-        and any(len(side.pieces) == 1 and side.pieces[0].kind in map(int, _ONE_POINT) for side in pair.sides)
-        and [type(feature) in (PointOnFace, RoundOnFace) for feature in features] == [True]
-    )
+    return pair.rolls and [type(feature) in (PointOnFace, RoundOnFace) for feature in features] == [True]
 
 
 def _lie_flat(features: Sequence[Feature]) -> bool:

@@ -23,7 +23,6 @@ from ffsm_mj.contact.features.gap_function import Feature, FeatureState
 from ffsm_mj.contact.features.search import StoredFeatures
 from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
 from ffsm_mj.contact.proximity import Proximity
-from ffsm_mj.contact.union_pair import UnionPair
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.clearance import Clearance, Tilts
 from ffsm_mj.contact_models.persistent.closing import points_at_rest, slow_points
@@ -277,7 +276,7 @@ class ClosedContacts:
     def remove(self, pair: UnilateralConstraint) -> None:
         """Remove a pair."""
         del self.by_pair[pair]
-        if isinstance(pair, UnionPair):
+        if not pair.is_limit:
             pair.hold(())
         self._follow_points()
 
@@ -287,7 +286,7 @@ class ClosedContacts:
         self.solver.forget_points()
         self.clearance.set_pairs(self.by_pair)
         for pair, contact_points in self.by_pair.items():
-            if isinstance(pair, UnionPair):
+            if not pair.is_limit:
                 pair.hold([contact.feature for contact in contact_points])
         self._tilts.set_closed(self.contact_points)
 
@@ -302,7 +301,7 @@ class ClosedContacts:
 
     def join(self, pair: UnilateralConstraint) -> None:
         """Watch the pieces of two unions that touch at the state in ``data`` by their contact points, from here on."""
-        if isinstance(pair, UnionPair) and self.by_pair[pair]:
+        if not pair.is_limit and self.by_pair[pair]:
             pair.join(self._model, self.data)
 
     def keep_slow_points(self, pairs: Sequence[tuple[UnilateralConstraint, Proximity]]) -> None:

@@ -364,6 +364,7 @@ class ContactReport(_ForceTable):
             shared: Fields of all records of the event; see :func:`~ffsm_mj.contact_models.interface.event_fields`.
             closed: All pairs in persistent contact after the event.
         """
+        model, data = self._scene.system.mj, self._scene.data
         ended = {pair: pair not in self._closed.by_pair for pair in places}
         names = tuple(pair.name for pair in closed)
         friction = {pair: {} if ended[pair] else self._friction_fields(kind, pair) for pair in places}
@@ -371,7 +372,7 @@ class ContactReport(_ForceTable):
             kind.record(
                 pair=pair.name,
                 rule=pair.rule,
-                geoms=pair.geoms,
+                geoms=pair.geoms_among(model, data, (contact.feature.at(data).point for contact in place.contact_points)),
                 mode="" if ended[pair] else place.mode,
                 points=0 if ended[pair] else place.points,
                 point_m=tuple(place.centre.tolist()),

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from ffsm_mj.contact_models.impact.records import force_unit
-from ffsm_mj.records.events import ANCHOR, AXIS, EFFORTS_KEPT, EVENT, GEOMS, LIMIT, QPOS, QVEL_BEFORE, QVEL_KEPT, SIDE, STEP
+from ffsm_mj.records.events import ANCHOR, AXIS, EFFORTS_KEPT, EVENT, LIMIT, QPOS, QVEL_BEFORE, QVEL_KEPT, SIDE, STEP
 from ffsm_mj.records.kinds import ArrowColumns, Mark, RecordKind
 from ffsm_mj.records.record import ByName, Values, declared, record
 from ffsm_mj.records.signals import Layout
@@ -25,7 +25,9 @@ class ContactRecord:
     step: int = declared(STEP)
     pair: str = declared("Name of the pair of geoms.")
     rule: str = declared("Name of its contact rule.")
-    geoms: tuple[str, ...] = declared(GEOMS)
+    geoms: tuple[str, ...] = declared(
+        "Geoms a and b of the pair, of several that touch the first; the normal points from a to b.", components="ab"
+    )
     mode: str = declared("Contact features after the event, such as ``sphere on face``; empty if the pair is open.")
     points: int = declared("Number of contact points after the event.")
     point_m: Values = declared(
