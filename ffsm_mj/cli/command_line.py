@@ -46,7 +46,7 @@ _EXPORTS = {
 _WORKS_WITH: dict[str, dict[str, tuple[str, ...]]] = {
     "run": {"--viewer": ("--live",), "--force": ("--out",)},
     "export": {"--table": ("--csv", "--parquet"), "--fps": ("--gif", "--mp4"), "--speed": ("--gif", "--mp4")},
-    "validate": {"--long": ("--check",)},
+    "validate": {"--long": ("--check", "--data")},
 }
 """Options by command and option of which at least one must be given for the option to have an effect."""
 
@@ -302,7 +302,10 @@ def _describe_view(view: argparse.ArgumentParser) -> None:
 
 def _describe_validate(validate: argparse.ArgumentParser) -> None:
     validate.add_argument(
-        "cases", nargs="*", metavar="CASE", help="names of cases, or 'seed-paper' (default: all; the page lists them)"
+        "cases",
+        nargs="*",
+        metavar="CASE",
+        help="names of cases, 'seed-paper', or a group of measured impacts, with --data (default: all cases; see the page)",
     )
     pages = validate.add_mutually_exclusive_group()
     pages.add_argument(
@@ -318,7 +321,12 @@ def _describe_validate(validate: argparse.ArgumentParser) -> None:
     validate.add_argument(
         "--long",
         action="store_true",
-        help="with --check: all runs of the seed paper's page, including step-size studies and long runs",
+        help="with --check: all runs of the seed paper's page, with step-size studies and long runs; with --data: more tosses",
+    )
+    validate.add_argument(
+        "--data",
+        metavar="DIR",
+        help="copy of the repository whose data measured-ellipse, measured-cube or measured-sphere reads",
     )
 
 

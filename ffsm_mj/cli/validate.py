@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ffsm_mj.all_cores import on_all_cores
 from ffsm_mj.cli.exit_codes import CHECK_FAILED, OK
+from ffsm_mj.cli.measured import validate_measured
 from ffsm_mj.cli.progress import Stage
 from ffsm_mj.cli.standard_streams import Output, complain
 from ffsm_mj.errors import InputError, unknown_name
@@ -17,6 +18,7 @@ from ffsm_mj.validation.case import ComparedCase, ValidationCase, Verdict, compa
 from ffsm_mj.validation.cases import CASES, LONGEST, case_names, seed_paper, values_of
 from ffsm_mj.validation.cases.seed_paper import page as paper
 from ffsm_mj.validation.cases.seed_paper.runs import THRESHOLD, PaperRun, Result, all_runs, perform
+from ffsm_mj.validation.measured.groups import GROUPS
 from ffsm_mj.validation.page import (
     HEAD,
     PAGE,
@@ -37,6 +39,10 @@ def validate(options: argparse.Namespace, output: Output) -> int:
         InputError: A case is unknown, the folder cannot be used, or has no page to check.
     """
     names, folder = options.cases, Path(options.page or options.check or ".")
+    if any(name in GROUPS for name in names):
+        return validate_measured(options, output)
+    if options.data is not None:
+        raise InputError(f"ffsm validate: --data belongs to one of {', '.join(GROUPS)}")
     cases, of_paper = _chosen(names), not names or seed_paper.GROUP in names
     _refuse(options, of_paper=of_paper)
     pages = (*(() if names == [seed_paper.GROUP] else (PAGE,)), *(paper.PAGES if of_paper else ()))
@@ -48,6 +54,8 @@ def validate(options: argparse.Namespace, output: Output) -> int:
     compared = [compared_case(case, results[_task(case.name)].values) for case in cases]
     output.say("\n".join(map(_shown, compared)) if names else _summary(compared))
     output.say(total(compared))
+    if not names:
+        output.say(f"Not run: {', '.join(GROUPS)}, which compare with data that are not shipped (--data).")
     fresh = {} if names else {PAGE: validation_page(compared)}
     if of_paper and (every or committed):
         fresh |= paper.pages(results, committed.get(seed_paper.PAGE, ""))
@@ -101,7 +109,7 @@ def _summary(compared: Sequence[ComparedCase]) -> str:
 
 def _chosen(names: Sequence[str]) -> Sequence[ValidationCase]:
     """Cases of these names or groups, all if there are none."""
-    known = (seed_paper.GROUP, *case_names())
+    known = (seed_paper.GROUP, *case_names(), *GROUPS)
     for name in names:
         if name not in known:
             raise InputError(unknown_name("case", name, known))

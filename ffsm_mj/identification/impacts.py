@@ -8,6 +8,7 @@ handedness is reversed between linear and angular velocities, or between velocit
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -213,14 +214,23 @@ def moment_balance(impacts: MeasuredImpacts) -> MomentBalance:
     )
 
 
+AS_RECORDED = "as recorded"
+_FRAMES: dict[str, Callable[[MeasuredImpacts], MeasuredImpacts]] = {
+    AS_RECORDED: lambda impacts: impacts,
+    "tangents reversed": MeasuredImpacts.with_reversed_tangents,
+    "rotation reversed": MeasuredImpacts.with_reversed_rotation,
+}
+
+
+def frame_of(impacts: MeasuredImpacts, name: str) -> MeasuredImpacts:
+    """The impacts in a frame of :func:`frame_test`."""
+    return _FRAMES[name](impacts)
+
+
 def frame_test(impacts: MeasuredImpacts) -> dict[str, MomentBalance]:
     """Moment balances of impacts as recorded, and in frames of the other handedness; the highest R^2 is the consistent one.
 
     ``tangents reversed``: the angular columns of the tangents have the other sign, which no normal velocity shows.
     ``rotation reversed``: the angular velocities have it, as those of a left-handed frame.
     """
-    return {
-        "as recorded": moment_balance(impacts),
-        "tangents reversed": moment_balance(impacts.with_reversed_tangents()),
-        "rotation reversed": moment_balance(impacts.with_reversed_rotation()),
-    }
+    return {name: moment_balance(frame_of(impacts, name)) for name in _FRAMES}
