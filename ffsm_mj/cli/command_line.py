@@ -321,7 +321,7 @@ def _describe_validate(validate: argparse.ArgumentParser) -> None:
     validate.add_argument(
         "--long",
         action="store_true",
-        help="with --check: all runs of the seed paper's page, with step-size studies and long runs; with --data: more tosses",
+        help="with --check: all runs of the seed paper's page, with step-size studies, long runs; with --data: more tosses",
     )
     validate.add_argument(
         "--data",

@@ -24,14 +24,10 @@ def validate_measured(options: argparse.Namespace, output: Output) -> int:
                 f"ffsm validate: groups of measured impacts are computed alone; {unknown_name('group', name, tuple(GROUPS))}"
             )
     if options.check is not None:
-        raise InputError(
-            f"ffsm validate: --check leaves out the groups of measured impacts and {PAGE}: their data are not here"
-        )
+        raise InputError(f"ffsm validate: --check leaves out measured impacts and {PAGE}, whose data are not shipped")
     if options.data is None:
         if options.page is not None:
-            raise InputError(
-                f"ffsm validate: --page writes the section of a measured group with --data only; {not_run(names[0])}"
-            )
+            raise InputError(f"ffsm validate: --page needs --data here. {not_run(names[0])}")
         output.say("\n".join(f"{name}: {GROUPS[name].title}. {not_run(name)}" for name in names))
         return OK
     if len(names) != 1:

@@ -9,7 +9,7 @@ import numpy as np
 from ffsm_mj.identification.fit import predicted
 from ffsm_mj.identification.impacts import MeasuredImpacts
 
-MASS_KG, GYRATION_M, AXES_M = 0.04, 0.02, (0.035, 0.025)
+MASS_KG, GYRATION_M, AXES_M = 0.0364, 0.0192, (0.035, 0.025)
 MU, E = 0.18, 0.59
 
 

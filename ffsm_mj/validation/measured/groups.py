@@ -90,11 +90,17 @@ def write_page(folder: Path, name: str, report: Report) -> list[Path]:
     figure = save_figure(name, report.curves, folder)
     page = folder / PAGE
     old = page.read_text(encoding="utf-8") if page.is_file() else ""
-    sections = {other: _old_section(old, other) for other in GROUPS} | {name: _section(name, report)}
-    parts = {other.replace("-", "_"): f"{_begin(other)}\n\n{text}\n\n{_END}" for other, text in sections.items()}
     with new_file(page) as temporary:
-        temporary.write_text(from_template(PAGE, parts), encoding="utf-8")
+        temporary.write_text(page_of(old, {name: _section(name, report)}), encoding="utf-8")
     return [page, figure]
+
+
+def page_of(old: str, sections: Mapping[str, str]) -> str:
+    """The page with new sections of some groups; those of the others are as in the page before, or not run."""
+    texts = {name: sections.get(name) or _old_section(old, name) for name in GROUPS}
+    return from_template(
+        PAGE, {name.replace("-", "_"): f"{_begin(name)}\n\n{text}\n\n{_END}" for name, text in texts.items()}
+    )
 
 
 _END = "<!-- end -->"
