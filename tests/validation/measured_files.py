@@ -91,8 +91,6 @@ def write_script(folder: Path, angles: object, ratios: object) -> Path:
     """A script with the two lists, which must not be executed; returns the folder."""
     path = folder / SCRIPT
     path.parent.mkdir(parents=True)
-    text = (
-        f"import nowhere\nraise SystemExit('executed')\ntheta_restitution_exp = {angles}\nrestitution_exp = {ratios}\n{more}"
-    )
-    path.write_text(text)
+    lists = f"theta_restitution_exp = {angles}\nrestitution_exp = {ratios}\n"
+    path.write_text(f"import nowhere\nraise SystemExit('executed')\n{lists}")
     return folder

@@ -189,8 +189,8 @@ def _claims(
     may_not = (
         f"That our laws are better than the published models by the ratio of the errors. Those score {min(models):.3f} to"
         f" {max(models):.3f} with the published tangents; with these, our refitted law scores {refit:.3f} and the bound of"
-        f" any law is {floor:.3f}. The gap is the sign of the tangents, not the law: exact impacts of ours with the other sign"
-        " have as high a bound.",
+        f" any law is {floor:.3f}. The gap is the sign of the tangents, not the law: exact impacts of ours with the other"
+        " sign have as high a bound.",
         "That the publications are wrong: only the files were examined. Which of the horizontal and the angular velocity is"
         " reversed cannot be told from them; the scores are the same.",
     )
