@@ -165,9 +165,9 @@ def in_flight(frames: int) -> Toss:
 
 def test_the_state_at_the_end_of_free_flight_is_that_of_its_parabola():
     toss = in_flight(20)
-    assert toss.flight == 20
+    assert toss.free_frames == 20
     assert toss.gravity() == pytest.approx(SCALE * GRAVITY, rel=1e-9)  # a parabola through 20 exact points, condition 1e4
-    state = toss.flight_state(SCALE * GRAVITY)
+    state = toss.free_flight_state(SCALE * GRAVITY)
     time = 19 / RATE_HZ
     np.testing.assert_allclose(state[:7], [*toss.positions[-1], *toss.quaternions[-1]], atol=1e-12)
     np.testing.assert_allclose(state[7:10], START[7:10] - (0, 0, SCALE * GRAVITY * time), atol=1e-11)

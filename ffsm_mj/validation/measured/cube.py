@@ -14,7 +14,7 @@ from ffsm_mj.errors import InputError
 from ffsm_mj.identification.fit import Interval, mean_interval, median_interval
 from ffsm_mj.report.markdown import percent
 from ffsm_mj.validation.measured.source import Progress, Report, Source, Table, digest, other_versions, shown
-from ffsm_mj.validation.measured.tosses import LEAST_FLIGHT, RATE_HZ, SCALE, Toss, read_toss
+from ffsm_mj.validation.measured.tosses import LEAST_FREE_FRAMES, RATE_HZ, SCALE, Toss, read_toss
 from ffsm_mj.validation.measured.tossing import GRAVITY, Motion, Task, errors, simulate, simulate_soft
 
 _FOLDER = "data/tosses_processed"
@@ -82,34 +82,34 @@ def report(folder: Path, stage: Progress, *, long: bool = False) -> Report:
     tosses, digests = read(folder)
     order = np.random.default_rng(_SEED).permutation(len(tosses))
     pool = round(_POOL * len(tosses))
-    train = [tosses[i] for i in order[:pool] if tosses[i].flight >= LEAST_FLIGHT][:_TRAIN]
+    train = [tosses[i] for i in order[:pool] if tosses[i].free_frames >= LEAST_FREE_FRAMES][:_TRAIN]
     test = [tosses[i] for i in order[pool:]]
-    whole, after_flight = (test[:k] for k in _JUDGED[long])
-    after_flight = [toss for toss in after_flight if toss.flight >= LEAST_FLIGHT]
+    whole, tracked = (test[:k] for k in _JUDGED[long])
+    tracked = [toss for toss in tracked if toss.free_frames >= LEAST_FREE_FRAMES]
     search = _search(train, stage)
     mu, e = search.mu.value, search.e.value
     tasks = [Task(toss.first_state, len(toss), mu, e) for toss in whole]
-    tasks += [_from_flight(toss, mu, e) for toss in after_flight]
+    tasks += [_from_free_flight(toss, mu, e) for toss in tracked]
     motions = on_all_cores(simulate, tasks, stage("measured-cube: judged", len(tasks)))
     first, rest = tasks[: len(whole)], tasks[len(whole) :]
     from_first = {OURS: motions[: len(whole)], SOFT_NAME: [simulate_soft(task, scale=1.0) for task in first]}
-    from_flight = {OURS: motions[len(whole) :], SOFT_NAME: [simulate_soft(task, scale=SCALE) for task in rest]}
+    from_free_flight = {OURS: motions[len(whole) :], SOFT_NAME: [simulate_soft(task, scale=SCALE) for task in rest]}
     means = {name: _means(whole, group) for name, group in from_first.items()}
     tables = (
         _fall(tosses),
         _searched(search, len(train)),
         _from_first_frame(means, float(np.mean([motion.impacts for motion in from_first[OURS]]))),
-        _from_end_of_flight(after_flight, from_flight),
+        _from_end_of_free_flight(tracked, from_free_flight),
     )
     failures = tuple(
         f"run {i} of {len(motions)}: check {failure} fails" for i, one in enumerate(motions, 1) for failure in one.failures
     )
-    versions, curves = other_versions(SOURCE, digests), _curves(after_flight, from_flight)
+    versions, curves = other_versions(SOURCE, digests), _curves(tracked, from_free_flight)
     return Report(digests, versions, (), failures, tables, *_claims(means, search), curves)
 
 
-def _from_flight(toss: Toss, mu: float, e: float) -> Task:
-    return Task(toss.flight_state(SCALE * GRAVITY), len(toss) - toss.flight + 1, mu, e)
+def _from_free_flight(toss: Toss, mu: float, e: float) -> Task:
+    return Task(toss.free_flight_state(SCALE * GRAVITY), len(toss) - toss.free_frames + 1, mu, e)
 
 
 def _search(train: Sequence[Toss], stage: Progress) -> _Search:
@@ -121,10 +121,10 @@ def _search(train: Sequence[Toss], stage: Progress) -> _Search:
 
     def best(points: Sequence[tuple[float, float]], axis: int) -> Interval:
         new = [point for point in points if point not in scores]
-        tasks = [_from_flight(toss, *point) for point in new for toss in train]
+        tasks = [_from_free_flight(toss, *point) for point in new for toss in train]
         motions = iter(on_all_cores(simulate, tasks, stage(f"measured-cube: {('mu', 'e')[axis]}", len(tasks))))
         for point in new:
-            scores[point] = np.array([errors(next(motions), toss, toss.flight - 1)[0].mean() for toss in train])
+            scores[point] = np.array([errors(next(motions), toss, toss.free_frames - 1)[0].mean() for toss in train])
         table = np.array([scores[point] for point in points])
         random = np.random.default_rng(0)
         resamples = random.integers(len(train), size=(2000, len(train)))
@@ -138,7 +138,7 @@ def _search(train: Sequence[Toss], stage: Progress) -> _Search:
 
 def _fall(tosses: Sequence[Toss]) -> Table:
     """The metre of the files: their free fall, and the height at which the cube lies."""
-    falls = np.array([toss.gravity() for toss in tosses if toss.flight > LEAST_FLIGHT])
+    falls = np.array([toss.gravity() for toss in tosses if toss.free_frames > LEAST_FREE_FRAMES])
     heights = np.array([1e3 * toss.positions[-1, 2] for toss in tosses])
     lengths = [len(toss) for toss in tosses]
     rows = (
@@ -201,12 +201,12 @@ def _claims(means: Mapping[str, tuple[Interval, Interval]], search: _Search) -> 
     return (may if apart else ()), (turns, *others)
 
 
-def _from_end_of_flight(tosses: Sequence[Toss], engines: Mapping[str, Sequence[Motion]]) -> Table:
+def _from_end_of_free_flight(tosses: Sequence[Toss], engines: Mapping[str, Sequence[Motion]]) -> Table:
     """Errors at frames after the last one of free flight, medians over tosses."""
     head = ("engine", *(f"{1e3 * frame / RATE_HZ:.0f} ms" for frame in _FRAMES), "end", "final face as measured")
     rows = []
     for name, motions in engines.items():
-        both = [errors(motion, toss, toss.flight - 1) for motion, toss in zip(motions, tosses, strict=True)]
+        both = [errors(motion, toss, toss.free_frames - 1) for motion, toss in zip(motions, tosses, strict=True)]
         cells = []
         for frame in (*_FRAMES, -1):
             distances, angles = (_median_at(frame, parts) for parts in zip(*both, strict=True))
@@ -234,6 +234,6 @@ def _curves(tosses: Sequence[Toss], engines: Mapping[str, Sequence[Motion]]) -> 
     frames = range(45)
     curves = {"time, ms": np.array(frames) * 1e3 / RATE_HZ}
     for name, motions in engines.items():
-        parts = [errors(motion, toss, toss.flight - 1)[0] for motion, toss in zip(motions, tosses, strict=True)]
+        parts = [errors(motion, toss, toss.free_frames - 1)[0] for motion, toss in zip(motions, tosses, strict=True)]
         curves[name] = np.array([_median_at(frame, parts) for frame in frames])
     return curves

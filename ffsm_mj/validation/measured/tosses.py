@@ -23,7 +23,7 @@ SCALE = 0.98
 """True metre over the metre of the files: free fall and the height at rest are both 2 % short of the cube's and of g."""
 CLEAR_M = 0.008
 """Height of the lowest corner above which a frame is free flight: a frame of the fastest fall, and the tag's offset."""
-LEAST_FLIGHT = 5
+LEAST_FREE_FRAMES = 5
 """Frames of free flight from which a state is fitted; parabolas of fewer follow their noise."""
 _COLUMNS = 19
 _STATE = 13
@@ -83,7 +83,7 @@ class Toss:
         return np.asarray(self.positions[:, 2] + corners[:, :, 2].min(axis=1))
 
     @cached_property
-    def flight(self) -> int:
+    def free_frames(self) -> int:
         """Number of frames of free flight at the beginning."""
         low = np.flatnonzero(self.lowest <= CLEAR_M)
         return int(low[0]) if len(low) else len(self)
@@ -95,15 +95,15 @@ class Toss:
 
     def gravity(self) -> float:
         """Downward acceleration in the flight, m/s^2, in the metre of the files."""
-        times = np.arange(self.flight) / RATE_HZ
-        return -2.0 * float(np.polyfit(times, self.positions[: self.flight, 2], 2)[0])
+        times = np.arange(self.free_frames) / RATE_HZ
+        return -2.0 * float(np.polyfit(times, self.positions[: self.free_frames, 2], 2)[0])
 
-    def flight_state(self, gravity: float) -> FloatArray:
+    def free_flight_state(self, gravity: float) -> FloatArray:
         """State at the last frame of free flight, of the parabola and the steady rotation nearest to the flight, (13,).
 
         A cube's moments of inertia are equal, so that its angular velocity is constant in the world.
         """
-        n = self.flight
+        n = self.free_frames
         times = (np.arange(n) - (n - 1)) / RATE_HZ
         design = np.stack([np.ones(n), times], axis=1)
         fall = 0.5 * gravity * np.outer(times**2, (0.0, 0.0, 1.0))
