@@ -24,6 +24,7 @@ COMMANDS = {
     "sensitivity": "print what uncertain numbers of a scenario change in its results",
     "campaign": "run a scenario, or variants of it, many times with dispersed parameters, and report the results",
     "validate": "compute published cases and closed forms and compare every number with ours",
+    "fmu": "write a scenario as a functional mock-up unit (FMI 2.0) for co-simulation",
     "schema": "print the JSON Schema of scenario or campaign files",
     "new": "generate a scenario and a scene model from a robot's MJCF or URDF file",
     "new-law": "generate a Python package with a control law of your own",
@@ -162,6 +163,9 @@ def parser() -> argparse.ArgumentParser:
     )
     law.add_argument("--out", metavar="DIR", default=".", help="parent folder of the package (default: current folder)")
     _describe_validate(parsers["validate"])
+    parsers["fmu"].add_argument("scenario", help="a scenario file, a run folder, or the name of a shipped scenario")
+    _add_overrides(parsers["fmu"])
+    parsers["fmu"].add_argument("--out", metavar="FILE", help="output file (default: NAME.fmu, after the scenario)")
     parsers["schema"].add_argument("--campaign", action="store_true", help="print the schema of campaign files")
     parsers["completion"].add_argument("--keys", nargs=argparse.REMAINDER, metavar="WORD", help=argparse.SUPPRESS)
     parsers["completion"].add_argument(

@@ -137,6 +137,8 @@ def _implementation(command: str | None) -> Callable[[argparse.Namespace, Output
             from ffsm_mj.cli.campaign import campaign as perform
         case "validate":
             from ffsm_mj.cli.validate import validate as perform
+        case "fmu":
+            from ffsm_mj.cli.fmu import fmu as perform
         case "schema":
             from ffsm_mj.cli.check import schema as perform
         case "new":
