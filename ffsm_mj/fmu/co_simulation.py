@@ -74,9 +74,9 @@ class CoSimulation:
         Raises:
             InputError: The scenario or a model is wrong.
         """
-        self._scenario, self.time_s, self._begun = scenario, 0.0, False
+        self._scenario, self._begun = scenario, False
         self._simulator = Simulator(scenario, record=False, check=False)
-        self._simulator.reset()
+        self.time_s = self._simulator.reset().time_s
         assembly, prepared = self._simulator.assembly, self._simulator.prepared
         self._actuators, self.period_s = assembly.actuation.names, prepared.scenario.control_period_s
         self._outputs = Outputs(assembly)

@@ -44,7 +44,7 @@ def write_unit(scenario: Scenario, file: Path) -> CoSimulation:
         folder = Path(temporary)
         scenario.to_yaml(folder / SCENARIO)
         unit = CoSimulation(folder / SCENARIO)
-        (folder / ABOUT).write_text(json.dumps(_about(scenario, folder), indent=2) + "\n", encoding="utf-8")
+        (folder / ABOUT).write_text(json.dumps(_about(scenario, unit.time_s, folder), indent=2) + "\n", encoding="utf-8")
         whole = folder / "whole.fmu"
         FmuBuilder.build_FMU(_SLAVE, whole, [folder / SCENARIO, folder / ABOUT])
         try:
@@ -57,15 +57,15 @@ def write_unit(scenario: Scenario, file: Path) -> CoSimulation:
     return unit
 
 
-def _about(scenario: Scenario, folder: Path) -> dict[str, Any]:
-    """What a unit says of itself."""
+def _about(scenario: Scenario, start_s: float, folder: Path) -> dict[str, Any]:
+    """What a unit says of itself; ``start_s`` is not 0 where the scenario goes on from another run."""
     config, files = scenario.prepared.scenario, _digests(folder / SCENARIO)
     name = re.sub(r"\W", "_", config.name)
     return {
         "name": name if name[0].isalpha() else f"_{name}",
         "description": config.description,
         "version": versions()["ffsm-mj"],
-        "start_s": 0.0,
+        "start_s": start_s,
         "stop_s": config.duration_s,
         "period_s": config.control_period_s,
         "guid": _guid(files),
