@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from ffsm_mj.assembly.simulator import Simulator, SimulatorState
 from ffsm_mj.errors import FfsmError, InputError, described
-from ffsm_mj.fmu.ports import COMMAND, EXTERNAL, OVERRIDES, RECORD, Outputs, Port, Value, inputs, parameters
+from ffsm_mj.fmu.ports import EXTERNAL, OVERRIDES, RECORD, Outputs, Port, Value, inputs, parameters
 
 _SAME_TIME = 1e-6
 """Shares of a control period up to which two times are the same: masters add up steps in floating point."""
@@ -78,9 +78,12 @@ class CoSimulation:
         self._simulator = Simulator(scenario, record=False, check=False)
         self.time_s = self._simulator.reset().time_s
         assembly, prepared = self._simulator.assembly, self._simulator.prepared
-        self._actuators, self.period_s = assembly.actuation.names, prepared.scenario.control_period_s
+        self._commands, self.period_s = (
+            dict(zip(assembly.actuation.names, assembly.actuation.keys["command"], strict=True)),
+            prepared.scenario.control_period_s,
+        )
         self._outputs = Outputs(assembly)
-        settable = [*parameters(prepared.scenario_yaml, self._actuators), *inputs(assembly)]
+        settable = [*parameters(prepared.scenario_yaml, [*self._commands]), *inputs(assembly)]
         self.ports: list[Port] = [*settable, *self._outputs.ports]
         self._starts = [port.start for port in settable]
         self._values = list(self._starts)
@@ -179,11 +182,11 @@ class CoSimulation:
     def _command(self) -> dict[str, float] | None:
         """Commands of the actuators that are handed over; None if none is."""
         command = {}
-        for name in self._actuators:
+        for name, key in self._commands.items():
             if self._value(EXTERNAL.format(name)):
-                value = float(self._value(COMMAND.format(name)))
+                value = float(self._value(key))
                 if not math.isfinite(value):
-                    raise RefusedStep(f"{COMMAND.format(name)} is {value}, not a finite number")
+                    raise RefusedStep(f"{key} is {value}, not a finite number")
                 command[name] = value
         return command or None
 

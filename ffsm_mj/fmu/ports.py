@@ -15,7 +15,6 @@ import numpy as np
 
 from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.plant import record_kinds
-from ffsm_mj.model.driven_joints import control_unit
 from ffsm_mj.records.events import PhaseRecord
 from ffsm_mj.records.kinds import kind_of, kinds_of
 from ffsm_mj.records.signals import identifier
@@ -26,8 +25,8 @@ Value = float | int | bool | str
 Kind = Literal["Real", "Integer", "Boolean", "String"]
 Causality = Literal["input", "output", "parameter"]
 
-EXTERNAL, COMMAND = "{}.external", "{}.command"
-"""Names of the parameter that hands an actuator to the master, and of the input that then commands it."""
+EXTERNAL = "{}.external"
+"""Name of the parameter that hands an actuator to the master, whose input then commands it."""
 OVERRIDES, RECORD = "overrides", "record"
 """Names of the parameters with further overrides, and with the run folder to write."""
 PHASE, ENDED, OUTCOME = "phase.index", "ended", "outcome"
@@ -64,10 +63,8 @@ class Port:
 
 def parameters(scenario_yaml: str, actuators: Sequence[str]) -> list[Port]:
     """Parameters: what the scenario states as numbers or truths, actuators to hand over, further overrides, run folder."""
-    ports = [
-        Port(EXTERNAL.format(name), "Boolean", "parameter", False, "", f"the input {COMMAND.format(name)} commands {name}")
-        for name in actuators
-    ]
+    text = "the master commands {} by its input, not the control laws of the phases"
+    ports = [Port(EXTERNAL.format(name), "Boolean", "parameter", False, "", text.format(name)) for name in actuators]
     stated = {key: value for key, value in plain_value(scenario_yaml).items() if key not in _IDENTIFYING}
     for key, value in _leaves(stated):
         kind: Kind = "Boolean" if isinstance(value, bool) else "Real"
@@ -92,14 +89,14 @@ def _leaves(value: Any, key: str = "") -> Iterator[tuple[str, float | bool]]:
 
 def inputs(assembly: Assembly) -> list[Port]:
     """Commands of the actuators, in MuJoCo's order."""
-    actuation, model = assembly.actuation, assembly.system.mj
-    ports = []
-    for i, (name, (_, _, low, high)) in enumerate(zip(actuation.names, actuation.table.tolist(), strict=True)):
+    actuation, ports = assembly.actuation, []
+    declared = {signal.key: signal for part in actuation.columns for signal in part.signals}
+    for i, (key, (_, _, low, high)) in enumerate(zip(actuation.keys["command"], actuation.table.tolist(), strict=True)):
         # Bounds of a powered actuator; one that has none, or is without power at the start, states none.
         bounds = (low, high) if low < high else (-math.inf, math.inf)
         least, greatest = (bound if math.isfinite(bound) else None for bound in bounds)
-        text = f"command of {name}, if {EXTERNAL.format(name)}"
-        ports.append(Port(COMMAND.format(name), "Real", "input", 0.0, control_unit(model, i), text, least, greatest))
+        text = f"{declared[key].description}, if {EXTERNAL.format(actuation.names[i])}"
+        ports.append(Port(key, "Real", "input", 0.0, declared[key].unit, text, least, greatest))
     return ports
 
 

@@ -50,7 +50,7 @@ def test_a_law_in_a_unit_of_its_own_closes_the_loop(tmp_path):
     assert master.boolean_initial_value(tap, of_plant["robot/drive.external"], True)
     master.connect_real_variables(tap, of_plant["state.q_robot_stroke_m"], control, of_law["place"])
     master.connect_real_variables(tap, of_plant["state.v_robot_stroke_m_s"], control, of_law["rate"])
-    master.connect_real_variables(control, of_law["push"], tap, of_plant["robot/drive.command"])
+    master.connect_real_variables(control, of_law["push"], tap, of_plant["actuators.robot_drive_command_N"])
     seen = CosimObserver.create_last_value()
     master.add_observer(seen)
     shown, rows = [place for name, place in of_plant.items() if name.startswith("state.")], []

@@ -18,7 +18,7 @@ from tests.replays import proved
 from tests.sensing.test_grasps import SENSORS
 
 TAP = {"duration_s": 2.0}
-DRIVE = "robot/drive"
+DRIVE, COMMAND = "robot/drive", "actuators.robot_drive_command_N"
 HANDED_OVER = {f"{DRIVE}.external": True}
 
 
@@ -44,7 +44,7 @@ def test_rows_are_those_of_a_simulator_through_impacts_and_contacts(tap):
     data, expected, told = simulator.assembly.data, [], []
     place, rate = (simulator.system.joints["robot/stroke"].qpos.start, simulator.system.joints["robot/stroke"].dofs.start)
     for _ in range(399):
-        instance.set(**{f"{DRIVE}.command": law(*stroke(instance))})
+        instance.set(**{COMMAND: law(*stroke(instance))})
         instance.step(0.005)
         rows.append(instance.numbers("state."))
         forces.append(instance["contact.paddle_force_x_N"])
@@ -124,7 +124,7 @@ def test_variables_are_declared_as_columns_of_a_log(tap):
         "fixed",
     )
     command = fmpy.read_model_description(str(tap)).modelVariables
-    assert {one.name: one.unit for one in command if one.causality == "input"} == {f"{DRIVE}.command": "N"}
+    assert {one.name: one.unit for one in command if one.causality == "input"} == {COMMAND: "N"}
 
 
 def test_a_step_back_is_as_if_it_had_not_been(tap):
@@ -133,7 +133,7 @@ def test_a_step_back_is_as_if_it_had_not_been(tap):
     random, ends = np.random.default_rng(5), []
     for k in range(40):
         for instance in (straight, restless):
-            instance.set(**{f"{DRIVE}.command": law(*stroke(instance))})
+            instance.set(**{COMMAND: law(*stroke(instance))})
         straight.step(0.03)
         state, time_s = restless.slave.getFMUState(), restless.time_s
         if k == 20:
@@ -142,13 +142,13 @@ def test_a_step_back_is_as_if_it_had_not_been(tap):
             state = restless.slave.deSerializeFMUstate(data)
             restless.slave.setFMUState(state)
             restless.time_s = time_s
-        held = restless[f"{DRIVE}.command"]
+        held = restless[COMMAND]
         for _ in range(int(random.integers(0, 4))):
-            restless.set(**{f"{DRIVE}.command": float(random.uniform(-5.0, 5.0))})
+            restless.set(**{COMMAND: float(random.uniform(-5.0, 5.0))})
             restless.step(0.005 * int(random.integers(1, 20)))
             restless.slave.setFMUState(state)
             restless.time_s = time_s
-        assert restless[f"{DRIVE}.command"] == held
+        assert restless[COMMAND] == held
         restless.step(0.03)
         restless.slave.freeFMUState(state)
         ends.append((straight["events.impacts"], restless["events.impacts"]))
@@ -172,12 +172,12 @@ def test_what_is_refused_leaves_the_state_and_says_why(tap):
             instance.slave.doStep(time_s, step_s)
         assert instance.messages[-1].startswith(words)
     for value in (float("nan"), float("inf")):
-        instance.set(**{f"{DRIVE}.command": value})
+        instance.set(**{COMMAND: value})
         with pytest.raises(FMICallException, match="discard"):
             instance.step(0.1)
-        assert instance.messages[-1] == f"{DRIVE}.command is {value}, not a finite number"
+        assert instance.messages[-1] == f"{COMMAND} is {value}, not a finite number"
     assert np.array_equal(instance.numbers("state."), before)
-    instance.set(**{f"{DRIVE}.command": 1.0})
+    instance.set(**{COMMAND: 1.0})
     instance.step(0.1)
     assert not np.array_equal(instance.numbers("state."), before)
     with pytest.raises(FMICallException, match="discard"):
@@ -226,3 +226,23 @@ def test_parameters_and_a_log(tap, tmp_path):
     assert np.array_equal(logged.qpos, run.qpos)
     assert np.array_equal(logged.qvel, run.qvel)
     proved(logged)
+
+
+def test_commands_of_a_co_simulation_are_played_back(tap, tmp_path):
+    """FMPy's table of what its master set, and the unit's own log: both repeat the run, whose checks hold."""
+    log, table = tmp_path / "log", [("time", COMMAND)]
+    instance = Instance(tap, record=str(log), **HANDED_OVER)
+    for _ in range(400):
+        instance.set(**{COMMAND: law(*stroke(instance))})
+        table.append((instance.time_s, instance[COMMAND]))
+        instance.step(0.005)
+    instance.slave.terminate()
+    recorded = ffsm_mj.load_run(log)
+    proved(recorded)
+    kinds = np.dtype([(name, float) for name in table[0]])
+    fmpy.write_csv(str(tmp_path / "commands.csv"), np.array(table[1:], dtype=kinds))
+    for file in (tmp_path / "commands.csv", log):
+        phases = [{"name": "play", "until": "end", "controller": {"kind": "playback", "file": str(file)}}]
+        run = ffsm_mj.run("tap", TAP | {"phases": phases})
+        assert np.array_equal(run.qpos, recorded.qpos)
+        assert len(run.impacts) == len(recorded.impacts) > 3

@@ -30,6 +30,8 @@ _SETPOINTS = ("rad", "rad/s", "m", "m/s", "V", "N", "N m")
 """Units of setpoints; others have none."""
 _TIME_FACTORS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _TIMES = ("time_s", "state.time_s")
+_TIME_OF_UNITS, _OF_UNITS = "time", "actuators."
+"""Column of the times in tables of co-simulations, in s by the standard, and how the names of their commands begin."""
 
 
 @dataclass(frozen=True)
@@ -123,12 +125,14 @@ def _driven(config: PlaybackConfig, table: RecordedTable, system: System) -> lis
 
 
 def _column_of(actuator: str, actuators: Collection[str], columns: Collection[str]) -> str | None:
-    """The column of an actuator by their names: its name, with or without a unit, or its applied effort in our logs."""
+    """The column of an actuator by their names: its name, with or without a unit, or its effort in our logs and units."""
     short = actuator.rpartition("/")[2]
     of_several = sum(name.rpartition("/")[2] == short for name in actuators) > 1
     stems = (actuator, *(() if of_several else (short,)), identifier(actuator))
     ends = ("", *(_end_of(unit) for unit in (*_FACTORS, *_SETPOINTS)))
-    wanted = [f"{group}{stems[-1]}_applied{end}" for group in ("actuators.", "") for end in ends]
+    wanted = [
+        f"{group}{stems[-1]}_{what}{end}" for what in ("applied", "command") for group in (_OF_UNITS, "") for end in ends
+    ]
     wanted += [f"{stem}{end}" for stem in stems for end in ends]
     return next((name for name in wanted if name in columns), None)
 
@@ -202,14 +206,19 @@ def _times(config: PlaybackConfig, table: RecordedTable) -> FloatArray:
     time = config.time
     if time.step_s is not None:
         return np.asarray(np.arange(len(table)) * time.step_s + time.offset_s)
-    of_times = time.column if time.column is not None else next((name for name in _TIMES if name in table.columns), None)
+    of_unit = _TIME_OF_UNITS in table.columns and any(name.startswith(_OF_UNITS) for name in table.columns)
+    known_times = (*_TIMES, _TIME_OF_UNITS) if of_unit else _TIMES
+    of_times = (
+        time.column if time.column is not None else next((name for name in known_times if name in table.columns), None)
+    )
     if of_times is None:
         known = ", ".join(table.columns)
         raise TableError(
             f"{table.place} has no column time_s; write 'column', or 'step_s' of samples without times; columns: {known}"
         )
     name = table.name_of(of_times)
-    factor = _TIME_FACTORS[_unit(name, time.unit, _TIME_FACTORS, "unit: s")]
+    unit = time.unit or ("s" if of_unit and name == _TIME_OF_UNITS else None)
+    factor = _TIME_FACTORS[_unit(name, unit, _TIME_FACTORS, "unit: s")]
     times = (table.since_first(name) if time.zero == "first_sample" else table.numbers(name)) * factor
     backward = np.flatnonzero(np.diff(times) <= 0.0)
     if len(backward):
