@@ -94,8 +94,8 @@ def check_resources(folder: Path) -> dict[str, Any]:
         InputError: A file of the scenario is not the one that was exported.
     """
     about: dict[str, Any] = json.loads((folder / ABOUT).read_text(encoding="utf-8"))
-    found, stated = _digests(folder / SCENARIO), about["files"]
-    if odd := sorted(dict(found.items() ^ stated.items())):
+    present, stated = _digests(folder / SCENARIO), about["files"]
+    if odd := sorted(dict(present.items() ^ stated.items())):
         raise InputError(
             f"{SCENARIO}/{odd[0]} of the unit {about['name']} was changed after its export; change the scenario and "
             "export it again, or set a parameter of the unit"

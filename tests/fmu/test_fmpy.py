@@ -16,6 +16,7 @@ from tests.contact_models.grasp.scenes import OFF, grasping
 from tests.fmu.masters import Instance, unit
 from tests.replays import proved
 from tests.sensing.test_grasps import SENSORS
+from tests.test_docs import python_blocks
 
 TAP = {"duration_s": 2.0}
 DRIVE, COMMAND = "robot/drive", "actuators.robot_drive_command_N"
@@ -246,3 +247,11 @@ def test_commands_of_a_co_simulation_are_played_back(tap, tmp_path):
         run = ffsm_mj.run("tap", TAP | {"phases": phases})
         assert np.array_equal(run.qpos, recorded.qpos)
         assert len(run.impacts) == len(recorded.impacts) > 3
+
+
+def test_the_example_of_the_page_runs(tap, tmp_path, monkeypatch, capsys):
+    shutil.copy(tap, tmp_path / "tap.fmu")
+    monkeypatch.chdir(tmp_path)
+    (code,) = (block for block in python_blocks("docs/co-simulation.md") if "FMU2Slave" in block)
+    exec(code, {})
+    assert capsys.readouterr().out == "[9] impacts\n"
