@@ -115,10 +115,14 @@ class ForceSolver:
         self.last_evaluation = kinematics, load, now
         return now
 
-    def pressing_accelerations(self, contact_points: Points) -> FloatArray:
-        """Contribution of each normal force to gap'' at its own contact point if none had friction, m/s^2, (k,)."""
-        problem = self.evaluation(contact_points).problem
-        return pressing_without_friction(problem) * problem.inverse_mass
+    def falls(self, contact_points: Points, others: Points) -> FloatArray:
+        """Accelerations with which gaps of other points close while some contact points alone carry force, m/s^2, (k,).
+
+        None of them has friction.
+        """
+        problem, count = self.evaluation((*contact_points, *others)).problem, len(contact_points)
+        forces = pressing_without_friction(problem, count)
+        return np.asarray(-(problem.b[::3] + problem.G[::3, ::3] @ forces)[count:])
 
     def stage_forces(self, contact_points: Points) -> StageForces:
         """Forces of the active set in the stages inside a step."""
@@ -170,6 +174,7 @@ class ClosedContacts:
         solver: Contact forces at the present state.
         clearance: Clearance of closed pairs outside their contact points.
         opens: Whether a gap is known to open at the state in ``data``, as a log says.
+        settles: Whether points that separate slowly have been kept, whose rates the next projection takes away.
         steady: Shortcut through steady states.
     """
 
@@ -181,7 +186,7 @@ class ClosedContacts:
         self.contact_points: tuple[ContactPoint, ...] = ()
         self.pressing: tuple[ContactPoint, ...] = ()
         self.stages: list[Stage] = []
-        self.modes, self.opens = FrictionModes(), False
+        self.modes, self.opens, self.settles = FrictionModes(), False, False
         self.solver, self.clearance = ForceSolver(scene.data, self.modes), Clearance(scene)
         self._tilts = Tilts(scene.data)
         self._chosen: Decision | None = None
@@ -198,6 +203,7 @@ class ClosedContacts:
             flat: Patches that carried force at enough points, be it at others than now: names of pair and patch.
             modes: Friction modes of the points.
             in_step: Whether a step since the last event has ended here: the forces at its end are known.
+            settles: See :attr:`ClosedContacts.settles`.
         """
 
         closed: list[tuple[str, list[Any], list[str]]]
@@ -205,6 +211,7 @@ class ClosedContacts:
         flat: list[tuple[str, str]]
         modes: Any
         in_step: bool
+        settles: bool
 
     def get_state(self) -> State:
         """The closed contacts."""
@@ -221,7 +228,7 @@ class ClosedContacts:
         # A point of the active set may have been removed at this state, where its gap opened.
         pressing = [place[point] for point in self.pressing if point in place]
         flat = sorted((pair.name, patch) for pair, patch in self.solver.flat)
-        return self.State(closed, pressing, flat, self.modes.get_state(self.contact_points), bool(self.stages))
+        return self.State(closed, pressing, flat, self.modes.get_state(self.contact_points), bool(self.stages), self.settles)
 
     def set_state(self, state: Any, pairs: Mapping[str, UnilateralConstraint]) -> None:
         """Close contacts at the state in ``data``.
@@ -246,7 +253,7 @@ class ClosedContacts:
         # After set_pressing, which counts the points that press now: the run may have found the patch at others.
         self.solver.flat = frozenset((pairs[name], patch) for name, patch in values["flat"])
         self.modes.set_state(values["modes"], self.contact_points)
-        self._chosen = None
+        self._chosen, self.settles = None, values["settles"]
         self.stages.clear()
 
     @property
@@ -305,18 +312,20 @@ class ClosedContacts:
             pair.join(self._model, self.data)
 
     def keep_slow_points(self, pairs: Sequence[tuple[UnilateralConstraint, Proximity]]) -> None:
-        """Also close contact points that separate so slowly that the pressing forces would stop them below ``LIFT_OFF_M``.
+        """Also close contact points that separate so slowly that the load would stop them below ``LIFT_OFF_M``.
 
         Otherwise a block that rocks from corner to corner would do so for ever, at heights below rounding (Zeno behaviour).
         """
         slow, points = slow_points(self._scene, pairs, self.contact_points), self.contact_points
         if not slow:
             return
-        pressing = self.solver.pressing_accelerations((*points, *(contact for contact, _ in slow)))[len(points) :]
-        for (contact, rate), b in zip(slow, pressing.tolist(), strict=True):
+        # Of all that separate, while the others hold: these may leave a light body only a heavy way to move.
+        falls = self.solver.falls(points, tuple(contact for contact, _ in slow))
+        for (contact, rate), b in zip(slow, falls.tolist(), strict=True):
             # Under a constant deceleration b the gap peaks at rate^2 / (2 b).
             if rate**2 <= 2.0 * b * LIFT_OFF_M:
                 self.set_points(contact.pair, (*self.by_pair.get(contact.pair, ()), contact))
+                self.settles = True
 
     def push(self, data: Any) -> None:
         """Add the forces of the active set to ``data.qfrc_applied``, which already holds all other applied forces."""
@@ -362,7 +371,10 @@ class ClosedContacts:
 
     def leaving(self) -> tuple[ContactPoint, ...]:
         """Contact points whose gap acceleration is positive: they open."""
-        return self.decide().leaving(reached=self.opens) if self.contact_points else ()
+        # Where a body rocks to rest all points are held first: one end alone at rest would turn it onto the other again.
+        if self.settles or not self.contact_points:
+            return ()
+        return self.decide().leaving(reached=self.opens)
 
     def update_pressing(self) -> None:
         """Set the active set to the contact points that carry force at the state in ``data``."""

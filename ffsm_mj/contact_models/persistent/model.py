@@ -428,6 +428,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
             # In this order: points that are released still count as sticking when drift is projected out, and slip from then
             # on. Taken as slip, their drift would give friction a direction of rounding.
             self._account.projected = self._drift.remove_drift()
+            self._closed.settles = False
             self._closed.update_pressing()
             self._closed.modes.begin_slip()
             self._closed.stages.clear()

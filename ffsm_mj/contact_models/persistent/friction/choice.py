@@ -346,13 +346,15 @@ class ModeChoice:
         return None
 
 
-def pressing_without_friction(problem: FrictionProblem) -> FloatArray:
+def pressing_without_friction(problem: FrictionProblem, count: int | None = None) -> FloatArray:
     """Normal forces that keep all gaps closed or let them open if no point has friction, N, (k,): those of least norm.
+
+    Those of the first ``count`` points alone, if it is given.
 
     The linear complementarity problem 0 <= lambda _|_ gap'' >= 0 (Featherstone, *Rigid Body Dynamics Algorithms*, ch. 11)
     has the form of a plastic impact, with A A^T = G and A w = gap'' without forces.
     """
-    which, forces = np.flatnonzero(problem.movable_normals), np.zeros(len(problem.mu))
+    which, forces = np.flatnonzero(problem.movable_normals[:count]), np.zeros(len(problem.mu))
     if len(which):
         sizes, U = np.linalg.eigh(problem.G[np.ix_(3 * which, 3 * which)])
         # Rows of redundant points are dependent; divided by an eigenvalue of rounding their forces would have any size.
