@@ -90,10 +90,11 @@ class DriftProjection:
 
     def remove_drift(self) -> Exchange | None:
         """Project the state in ``data`` at the start of a step if needed; returns the energy and momentum this changed."""
-        # Below these tolerances a projection would change the energy at each step by its own rounding, and nothing else.
-        if not self._closed.contact_points or not needs_projection(*drift_of(self._closed)):
-            return None
         contact_points, motion = self._closed.contact_points, self._closed.motion
+        # Below these tolerances a projection would change the energy at each step by its own rounding, and nothing else. But
+        # a point that begins to slide has an acceleration of zero there: a drift of any size against it would stop it again.
+        if not contact_points or not (self._closed.modes.beginning or needs_projection(*drift_of(self._closed))):
+            return None
         # Fixed bodies may take momentum from the system; between free ones P and L must stay as they are.
         outside = Shares.of(self._system, contact_points, motion.grasped_bodies).outside != 0.0
         projected = unit_wrenches(self._closed, outside.any(axis=0))

@@ -69,3 +69,18 @@ def test_a_corner_of_a_sliding_block_that_hardly_slips(tmp_path):
     run = proved(ffsm_mj.run(block(tmp_path, mu=0.3, velocity=start, spin=4.0, step=4e-3, duration=4e-3)))
     found = final(run, "v_robot_free")[[0, 1, 5]]
     np.testing.assert_allclose(found, (0.39975831707643, -0.79929679214237, 3.9908078978074), rtol=0, atol=3e-12)
+
+
+def test_a_foot_that_creeps_against_the_pull_begins_to_slide_once(tmp_path):
+    """A drift of 5e-13 m/s is none while it sticks: at the limit, where it has no acceleration yet, it stops no slide.
+
+    The pull passes mu N = 0.5 N at 50.3 us and grows by 1 N/s: v = (t - 50.3 us)^2 / 2 from there, which takes 1 us, a step,
+    to make up for the drift. In nodes of that step at which the foot still slid backwards friction would push it on.
+    """
+    starts = 5.03e-5
+    pull = [[0.5 - starts, 0.0, 0.0], [1.0, 0.0, 0.0]]
+    run = proved(ffsm_mj.run(pulled(tmp_path, 1e-6, pull, velocity=(-5e-13, 0.0), duration=1e-4)))
+    assert [len(run.records[kind]) for kind in ("contact_slips", "contact_changes")] == [1, 0]
+    slides = run.time > starts
+    # The start is known to rounding of the forces, 1e-16 N, over 1 N/s: the velocity to much less than that of the drift.
+    assert run["state.v_robot_x_m_s"][slides] == pytest.approx(0.5 * (run.time[slides] - starts) ** 2, abs=1e-15)
