@@ -15,12 +15,13 @@ contracts:
 schema:      ## regenerate the committed JSON Schema
 	uv run ffsm schema > scenarios/ffsm.schema.json
 	uv run ffsm schema --campaign > scenarios/ffsm-campaign.schema.json
-figures:     ## the pictures of docs/verified-result.md, docs/persistent-contact.md, docs/capture.md, docs/capture-detumble.md, docs/capture-in-orbit.md, docs/probe-and-cone.md, docs/force-readings.md, docs/nozzle-capture.md, docs/berth.md, docs/co-simulation.md, docs/linkage-gripper.md, docs/servo-arm.md, docs/flexible-joints.md, docs/friction.md, docs/grasp-by-friction.md and docs/sensitivity.md
+figures:     ## the pictures of docs/verified-result.md, docs/persistent-contact.md, docs/capture.md, docs/capture-detumble.md, docs/capture-in-orbit.md, docs/probe-and-cone.md, docs/force-readings.md, docs/nozzle-capture.md, docs/berth.md, docs/co-simulation.md, docs/linkage-gripper.md, docs/servo-arm.md, docs/flexible-joints.md, docs/friction.md, docs/grasp-by-friction.md, docs/sensitivity.md and docs/fit.md
 	uv run ffsm run baseline --no-rerun --force --out logs/figures
 	uv run ffsm analyze logs/figures --plots docs/figures/baseline
 	uv run python docs/contact_force.py
 	uv run python docs/capture_figures.py
 	uv run python docs/sensitivity_figure.py
+	uv run python docs/fit_figure.py
 	uv run python docs/detumble_figure.py
 	uv run ffsm run capture-orbit --no-rerun --force --out logs/capture-orbit
 	uv run ffsm analyze logs/capture-orbit --plots logs/capture-orbit-figures

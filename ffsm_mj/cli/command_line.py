@@ -22,6 +22,7 @@ COMMANDS = {
     "view": "open a run, or a scenario as it starts, in the Rerun viewer",
     "impact-map": "map what an impact does over the configurations of the arm that reach its contact",
     "sensitivity": "print what uncertain numbers of a scenario change in its results",
+    "fit": "fit restitution and friction of a scenario's contact rules to recorded motions",
     "campaign": "run a scenario, or variants of it, many times with dispersed parameters, and report the results",
     "validate": "compute published cases and closed forms and compare every number with ours",
     "fmu": "write a scenario as a functional mock-up unit (FMI 2.0) for co-simulation",
@@ -157,6 +158,7 @@ def parser() -> argparse.ArgumentParser:
     _describe_campaign(parsers["campaign"])
     _describe_impact_map(parsers["impact-map"])
     _describe_sensitivity(parsers["sensitivity"])
+    _describe_fit(parsers["fit"])
     law = parsers["new-law"]
     law.add_argument(
         "name", help="kind of the law, also name of the folder and module: lower-case letters, digits, underscores"
@@ -417,6 +419,33 @@ def _describe_sensitivity(of: argparse.ArgumentParser) -> None:
     )
     of.add_argument("--exact", action="store_true", help="derivatives, where they exist, in place of runs")
     of.add_argument("--out", metavar="FILE", help="also write the table as CSV or, with the suffix .parquet, as Parquet")
+
+
+def _describe_fit(of: argparse.ArgumentParser) -> None:
+    of.add_argument(
+        "data", nargs="+", help="CSV or Parquet files of poses or velocities of bodies, with units in the column names"
+    )
+    of.add_argument(
+        "--scenario",
+        metavar="FILE",
+        required=True,
+        help="a scenario file, or the name of a shipped one: masses, shapes, contact rules and the impact law",
+    )
+    _add_overrides(of)
+    of.add_argument(
+        "--use",
+        choices=("poses", "velocities"),
+        help="poses: fit the flights between impacts; velocities: take the rows before and after (default: velocities if "
+        "there are columns of them)",
+    )
+    of.add_argument("--run-column", metavar="COLUMN", help="column that tells runs in one file apart (default: run)")
+    of.add_argument(
+        "--reach",
+        type=positive,
+        metavar="M",
+        help="bodies touch if their recorded gap or overlap is at most this, m (default: 0.005)",
+    )
+    of.add_argument("--out", metavar="DIR", help="output folder (default: logs/<scenario>-fit, replaced)")
 
 
 def _describe_campaign(of: argparse.ArgumentParser) -> None:

@@ -109,7 +109,7 @@ def _set_completion(command: str, option: argparse.Action) -> None:
         _complete_by(option, "_ffsm_key")
     elif option.dest == "table":
         _complete_by(option, "_ffsm_table")
-    elif option.dest in ("run", "runs"):
+    elif option.dest in ("run", "runs", "data"):
         option.complete = shtab.FILE  # type: ignore[attr-defined]
     elif option.dest == "folder" or set(option.option_strings) & {*_PLACES, "--metrics"}:
         option.complete = shtab.FILE if option.metavar == "FILE" else shtab.DIRECTORY  # type: ignore[attr-defined]

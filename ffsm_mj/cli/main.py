@@ -19,7 +19,7 @@ from ffsm_mj.module_path import without_current_folder
 
 _SHOW_TRACEBACK = "FFSM_TRACEBACK"
 """Environment variable: unhandled exceptions are raised instead of reported in one line."""
-_READERS = ("analyze", "export", "view", "campaign", "new")
+_READERS = ("analyze", "export", "view", "fit", "campaign", "new")
 """Commands that read files of unknown origin."""
 
 
@@ -133,6 +133,8 @@ def _implementation(command: str | None) -> Callable[[argparse.Namespace, Output
             from ffsm_mj.cli.impact_map import impact_map as perform
         case "sensitivity":
             from ffsm_mj.cli.sensitivity import sensitivity as perform
+        case "fit":
+            from ffsm_mj.cli.fit import fit as perform
         case "campaign":
             from ffsm_mj.cli.campaign import campaign as perform
         case "validate":

@@ -43,12 +43,27 @@ def read_recorded(path: Path) -> RecordedFile:
         InputError: There is no such file, or it holds no table.
     """
     try:
-        if path.is_dir():
+        if is_log(path):
             return _of_log(path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    return read_table(path)
+
+
+def is_log(path: Path) -> bool:
+    """Whether a path is a folder, as of a run, or a log."""
+    return path.is_dir() or (path.is_file() and _begins_with(path, MAGIC))
+
+
+def read_table(path: Path) -> RecordedFile:
+    """Read a CSV or Parquet file.
+
+    Raises:
+        InputError: There is no such file, or it holds no table.
+    """
+    try:
         if not path.is_file():
             raise InputError(f"{path}: is not a file")
-        if _begins_with(path, MAGIC):
-            return _of_log(path)
         if path.stat().st_size > limits.TABLE_BYTES:
             raise InputError(f"{path}: is larger than {limits.TABLE_BYTES >> 20} MiB; leave out columns or samples")
         content = path.read_bytes()
