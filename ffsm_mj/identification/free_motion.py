@@ -31,8 +31,9 @@ _SKIPPED = 1
 """Samples on each side of an impact that no flight uses: the contact lasts, and its instant is known to a sample."""
 _NOT_FREE = 3.0
 """Residual of a flight, as a multiple of the noise of the samples, from which on it is none: sliding, rolling, a string."""
-_APART = 6.0
-"""Distance at which flights pass each other at an impact, as a multiple of the noise, from which on they do not meet."""
+_APART = 3.0
+"""Distance at which flights pass each other at an impact, as a multiple of the noise, from which on they do not meet: twice
+that of flights with the least samples. Two impacts within a few samples part them."""
 _TURN_PER_STEP = 0.2
 """Largest rotation in a step of RK4, rad: its error is about that to the power of 5 over 120, 3e-6."""
 _DIFFERENCE = 1e-6

@@ -179,7 +179,8 @@ def draw(fits: Fits) -> Figure:
             _rebound(panels[0], one)
             _friction(panels[1], one)
             _residuals(panels[2], one)
-        figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+        handles = [handle for panel in figure.axes[:3] for handle in panel.get_legend_handles_labels()[0]]
+        figure.legend(handles=handles, loc="outside lower center", ncols=3)
     return figure
 
 
