@@ -84,6 +84,8 @@ def not_finite(array):
         (without("d"), "data_ellipse.mat: no variable 'd'; it has states_i, states_f, n"),
         (with_data(n=lambda n: n[:, :2]), "data_ellipse.mat: n is (60, 2) of float64; 3 columns of numbers are allowed"),
         (with_data(d=lambda d: d[:-1]), "data_ellipse.mat: data.d has 59 rows, data.states_i 60: one row for each impact"),
+        (with_data(n=lambda n: n * (1, 1, 1e3)), "data_ellipse.mat: row 1: n = [0.0, 1.0, "),
+        (with_data(d=lambda d: 2.0 * d), "allowed are (0, 1, c) and (1, 0, h) with hypot(c, h) of 0.024 to 0.036 m"),
         (with_data(states_f=not_finite), "data_ellipse.mat: states_f, row 7: not finite"),
         (lambda _, models: (np.zeros(3), models), "data_ellipse.mat: no struct 'data'; it has data"),
         (lambda data, _: (data, {"v": np.zeros(3)}), "v_models.mat: no variable 'v_models'; it has v"),
@@ -108,7 +110,7 @@ def test_a_file_of_another_kind_is_one_line(tmp_path, capsys):
 
 
 def test_a_toss_is_read_as_it_was_written():
-    table = np.random.default_rng(0).uniform(-1, 1, (6, 19))
+    table = np.random.default_rng(0).uniform(1, 2, (6, 19))
     table[:, 3:7] /= np.linalg.norm(table[:, 3:7], axis=1, keepdims=True)
     toss = read_toss(legacy_tensor(table), "0.pt")
     np.testing.assert_array_equal(toss.positions, HALF_WIDTH_M * table[:, :3])
@@ -130,6 +132,10 @@ POSES = np.tile([0.0, 0, 2, 1, 0, 0, 0, *[0.0] * 12], (6, 1))
         (legacy_tensor(2.0 * POSES), "columns 4 to 7 are no unit quaternions (norm 2)"),
         (legacy_tensor(np.nan * POSES), "6 frames; at least 3 of finite numbers are allowed"),
         (legacy_tensor(POSES[:2]), "2 frames; at least 3"),
+        (
+            legacy_tensor(POSES * ([HALF_WIDTH_M] * 3 + [1.0] * 16)),
+            "the height in half widths of the cube, is 0.1048 to 0.1048",
+        ),
         (b"PK\x03\x04 a newer file", "not a tensor of doubles of a toss"),
         (b"\x80\x02K\x01.K\x01.K\x01.", "it does not begin as a file of PyTorch before 1.6"),
         (b"", "not a tensor of doubles of a toss"),
@@ -225,6 +231,8 @@ def test_lists_of_a_script_are_read_without_executing_it(tmp_path, capsys):
     ("angles", "ratios", "message"),
     [
         ([10.0, 20.0], [0.7], ": 2 numbers in theta_restitution_exp, 1 in restitution_exp: one for each impact"),
+        ([0.2, 1.1], [0.7, 0.7], ": theta_restitution_exp: degrees between 0 and 90 are allowed"),
+        ([10.0, 20.0], [0.7, 70.0], ": restitution_exp: ratios of tangential speeds, between 0 and 1.5, are allowed"),
         ([10.0, 95.0], [0.7, 0.7], ": theta_restitution_exp: degrees between 0 and 90 are allowed"),
         ("open('x')", [0.7], ":3: theta_restitution_exp: a list of numbers is allowed"),
         ([], [], ":3: theta_restitution_exp: a list of numbers is allowed"),

@@ -38,6 +38,8 @@ SOURCE = Source(
 MASS_KG = 0.0364
 GYRATION_M = 0.0192
 """Radius of gyration. That of a uniform ellipse is 21.5 mm, but the least error is smallest here, of 18.5 to 21.5 mm."""
+_ARMS_M = (0.024, 0.036)
+"""Distances of the contact point from the mass centre: the semi-axes are 25 and 35 mm, and rows scatter by 0.4 mm."""
 _TRAIN = 400 / 1718
 """Share of the impacts that are fitted to; the others judge."""
 _LAWS = ("stronge", "poisson")
@@ -66,6 +68,7 @@ def read(folder: Path) -> tuple[MeasuredImpacts, dict[str, FloatArray], dict[str
     for name, array in fields.items():
         if len(array) != k:
             raise InputError(f"{path}: data.{name} has {len(array)} rows, data.states_i {k}: one row for each impact")
+    _refuse_other_rows(fields["n"], fields["d"], path)
     velocities = _array(models, "v_models", 18, folder / _MODELS)
     if len(velocities) != k:
         raise InputError(
@@ -80,6 +83,23 @@ def read(folder: Path) -> tuple[MeasuredImpacts, dict[str, FloatArray], dict[str
 
 _FIELDS = {"states_i": 6, "states_f": 6, "n": 3, "d": 3}
 """Fields of the struct and their columns."""
+
+
+def _refuse_other_rows(normal: FloatArray, tangents: FloatArray, path: Path) -> None:
+    """Refuse contact rows that are not n = (0, 1, c), d = (1, 0, h) with lever arms of this ellipse in m.
+
+    Raises:
+        InputError: One is another; that of other units is too.
+    """
+    arms = np.hypot(normal[:, 2], tangents[:, 2])
+    linear = np.hstack([normal[:, :2], tangents[:, :2]])
+    bad = np.flatnonzero(np.any(linear != (0.0, 1.0, 1.0, 0.0), axis=1) | (arms < _ARMS_M[0]) | (arms > _ARMS_M[1]))
+    if len(bad):
+        row = bad[0]
+        raise InputError(
+            f"{path}: row {row + 1}: n = {normal[row].tolist()}, d = {tangents[row].tolist()}; allowed are (0, 1, c) and"
+            f" (1, 0, h) with hypot(c, h) of {_ARMS_M[0]} to {_ARMS_M[1]} m"
+        )
 
 
 def _matlab(data: bytes, path: Path) -> dict[str, object]:

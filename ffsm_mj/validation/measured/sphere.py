@@ -48,8 +48,11 @@ def read(folder: Path) -> tuple[FloatArray, FloatArray, str]:
     angles, ratios = (_list_of(tree, name, path) for name in (_ANGLES, _RATIOS))
     if len(angles) != len(ratios):
         raise InputError(f"{path}: {len(angles)} numbers in {_ANGLES}, {len(ratios)} in {_RATIOS}: one for each impact")
-    if not np.all((angles > 0.0) & (angles < 90.0)):
+    # Impacts of a series are not all within 1.6 deg of the normal: those are radians.
+    if not np.all((angles > 0.0) & (angles < 90.0)) or angles.max() < 0.5 * np.pi:
         raise InputError(f"{path}: {_ANGLES}: degrees between 0 and 90 are allowed")
+    if not np.all((ratios > 0.0) & (ratios < 1.5)):
+        raise InputError(f"{path}: {_RATIOS}: ratios of tangential speeds, between 0 and 1.5, are allowed")
     return angles, ratios, digest(data)
 
 

@@ -29,6 +29,8 @@ _COLUMNS = 19
 _STATE = 13
 _LARGEST = 1 << 24
 """Bytes of a file at most: the longest toss takes 70 kB."""
+_HEIGHTS = (0.5, 50.0)
+"""Heights of the centre that a toss can have: a cube on the floor is at 1; tosses in m or mm are outside."""
 _MAGIC = 0x1950A86A20F9469CFC6C
 _CORNERS = np.array([*product((-1.0, 1.0), repeat=3)])
 
@@ -137,6 +139,12 @@ def read_toss(data: bytes, name: str) -> Toss:
     norms = np.linalg.norm(table[:, 3:7], axis=1)
     if np.abs(norms - 1.0).max() > 1e-3:
         raise InputError(f"{name}: columns 4 to 7 are no unit quaternions (norm {norms[np.argmax(np.abs(norms - 1))]:.4g})")
+    low, high = table[:, 2].min(), table[:, 2].max()
+    if low < _HEIGHTS[0] or high > _HEIGHTS[1]:
+        raise InputError(
+            f"{name}: column 3, the height in half widths of the cube, is {low:.4g} to {high:.4g};"
+            f" {_HEIGHTS[0]:g} to {_HEIGHTS[1]:g} is allowed"
+        )
     return Toss(HALF_WIDTH_M * table[:, :3], table[:, 3:7], HALF_WIDTH_M * table[:, 7:10], table[:, 10:_STATE])
 
 
