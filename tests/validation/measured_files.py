@@ -13,7 +13,7 @@ import numpy as np
 from scipy.io import savemat
 
 from ffsm_mj.validation.measured.tosses import HALF_WIDTH_M
-from ffsm_mj.validation.measured.tossing import Task, simulate
+from ffsm_mj.validation.measured.tossing import TossTask, simulate
 from tests.identification.synthetic import ellipses
 
 SCRIPT = "examples/dem/3d-oblique-wall-impact/oblique_wall_impact_postprocessing.py"
@@ -76,7 +76,7 @@ def legacy_tensor(table: np.ndarray, *, storage: str = "DoubleStorage", rebuild:
     return file.getvalue() + struct.pack("<q", table.size) + np.asarray(table, dtype="<f8").tobytes()
 
 
-def toss_table(task: Task) -> np.ndarray:
+def toss_table(task: TossTask) -> np.ndarray:
     """A toss by this engine as such a file has it, (n, 19): lengths in half widths, tabulated velocities at the start."""
     motion = simulate(task)
     table = np.zeros((task.frames, 19))

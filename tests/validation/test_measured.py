@@ -15,7 +15,7 @@ from ffsm_mj.identification.impacts import least_errors, moment_balance
 from ffsm_mj.validation.measured import cube, ellipse, sphere
 from ffsm_mj.validation.measured.groups import GROUPS, PAGE, page_of
 from ffsm_mj.validation.measured.tosses import HALF_WIDTH_M, RATE_HZ, SCALE, Toss, read_toss
-from ffsm_mj.validation.measured.tossing import GRAVITY, Task, simulate, simulate_soft
+from ffsm_mj.validation.measured.tossing import GRAVITY, TossTask, simulate, simulate_soft
 from tests.validation.measured_files import legacy_tensor, toss_table, write_ellipses, write_script
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -185,7 +185,7 @@ def test_both_engines_follow_a_flight(engine, tolerance):
     """Ours to the truncation of a constant rotation; MuJoCo's Euler step at 148 Hz is off by half a step of the fall."""
     toss = in_flight(20)
     start = START + np.array([0, 0, 0.5, *[0] * 10])
-    motion = engine(Task(start, 20, 0.18, 0.25))
+    motion = engine(TossTask(start, 20, 0.18, 0.25))
     assert np.abs(motion.positions - toss.positions).max() < tolerance
     assert (motion.rotations * toss.rotations.inv()).magnitude().max() < 1e-6
     assert motion.failures == ()
@@ -198,7 +198,7 @@ def test_tosses_of_our_own_are_predicted_exactly(tmp_path):
     folder.mkdir(parents=True)
     for i in range(2):
         start = START + np.array([0.01 * i, 0, 0.03, *[0] * 10])
-        (folder / f"{i}.pt").write_bytes(legacy_tensor(toss_table(Task(start, 20, 0.18, 0.25))))
+        (folder / f"{i}.pt").write_bytes(legacy_tensor(toss_table(TossTask(start, 20, 0.18, 0.25))))
     report = cube.report(tmp_path, silent)
     assert report.failures == ()
     assert [line.split(":")[0] for line in report.versions] == ["data/tosses_processed/*.pt"]

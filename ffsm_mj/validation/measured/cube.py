@@ -13,13 +13,13 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import InputError
 from ffsm_mj.identification.fit import Interval, mean_interval, median_interval
 from ffsm_mj.report.markdown import percent
-from ffsm_mj.validation.measured.source import Progress, Report, Source, Table, digest, other_versions, shown
+from ffsm_mj.validation.measured.source import DataSource, GroupReport, Progress, ReportTable, digest, other_versions, shown
 from ffsm_mj.validation.measured.tosses import LEAST_FREE_FRAMES, RATE_HZ, SCALE, Toss, read_toss
-from ffsm_mj.validation.measured.tossing import GRAVITY, Motion, Task, errors, simulate, simulate_soft
+from ffsm_mj.validation.measured.tossing import GRAVITY, TossMotion, TossTask, errors, simulate, simulate_soft
 
 _FOLDER = "data/tosses_processed"
 _FILES = f"{_FOLDER}/*.pt"
-SOURCE = Source(
+SOURCE = DataSource(
     "DAIRLab/contact-nets",
     "c3dc21c",
     "BSD-3-Clause",
@@ -73,7 +73,7 @@ class _Search:
     scores: Mapping[tuple[float, float], float]
 
 
-def report(folder: Path, stage: Progress, *, long: bool = False) -> Report:
+def report(folder: Path, stage: Progress, *, long: bool = False) -> GroupReport:
     """Free fall, search for (mu, e), and errors of tosses that were not searched.
 
     Raises:
@@ -88,7 +88,7 @@ def report(folder: Path, stage: Progress, *, long: bool = False) -> Report:
     tracked = [toss for toss in tracked if toss.free_frames >= LEAST_FREE_FRAMES]
     search = _search(train, stage)
     mu, e = search.mu.value, search.e.value
-    tasks = [Task(toss.first_state, len(toss), mu, e) for toss in whole]
+    tasks = [TossTask(toss.first_state, len(toss), mu, e) for toss in whole]
     tasks += [_from_free_flight(toss, mu, e) for toss in tracked]
     motions = on_all_cores(simulate, tasks, stage("measured-cube: judged", len(tasks)))
     first, rest = tasks[: len(whole)], tasks[len(whole) :]
@@ -105,11 +105,11 @@ def report(folder: Path, stage: Progress, *, long: bool = False) -> Report:
         f"run {i} of {len(motions)}: check {failure} fails" for i, one in enumerate(motions, 1) for failure in one.failures
     )
     versions, curves = other_versions(SOURCE, digests), _curves(tracked, from_free_flight)
-    return Report(digests, versions, (), failures, tables, *_claims(means, search), curves)
+    return GroupReport(digests, versions, (), failures, tables, *_claims(means, search), curves)
 
 
-def _from_free_flight(toss: Toss, mu: float, e: float) -> Task:
-    return Task(toss.free_flight_state(SCALE * GRAVITY), len(toss) - toss.free_frames + 1, mu, e)
+def _from_free_flight(toss: Toss, mu: float, e: float) -> TossTask:
+    return TossTask(toss.free_flight_state(SCALE * GRAVITY), len(toss) - toss.free_frames + 1, mu, e)
 
 
 def _search(train: Sequence[Toss], stage: Progress) -> _Search:
@@ -136,7 +136,7 @@ def _search(train: Sequence[Toss], stage: Progress) -> _Search:
     return _Search(mu, e, {point: float(np.median(score)) for point, score in scores.items()})
 
 
-def _fall(tosses: Sequence[Toss]) -> Table:
+def _fall(tosses: Sequence[Toss]) -> ReportTable:
     """The metre of the files: their free fall, and the height at which the cube lies."""
     falls = np.array([toss.gravity() for toss in tosses if toss.free_frames > LEAST_FREE_FRAMES])
     heights = np.array([1e3 * toss.positions[-1, 2] for toss in tosses])
@@ -150,10 +150,10 @@ def _fall(tosses: Sequence[Toss]) -> Table:
     note = (
         f"Positions are in a metre that is short: the half width and g of the simulations are {SCALE} of the nominal ones."
     )
-    return Table("Tosses as recorded", ("quantity", "value"), rows, note)
+    return ReportTable("Tosses as recorded", ("quantity", "value"), rows, note)
 
 
-def _searched(search: _Search, tosses: int) -> Table:
+def _searched(search: _Search, tosses: int) -> ReportTable:
     rows = [
         (f"{mu:g}", f"{e:g}", f"{score:.3f}", "best" if (mu, e) == (search.mu.value, search.e.value) else "")
         for (mu, e), score in search.scores.items()
@@ -162,21 +162,21 @@ def _searched(search: _Search, tosses: int) -> Table:
         f"On {tosses} tosses: mu {search.mu.value:g} [{search.mu.low:g}, {search.mu.high:g}],"
         f" e {search.e.value:g} [{search.e.low:g}, {search.e.high:g}]: the choices of 95 % of resamples, on this grid."
     )
-    return Table("Search for (mu, e)", ("mu", "e", "error of position, median, widths", ""), tuple(rows), note)
+    return ReportTable("Search for (mu, e)", ("mu", "e", "error of position, median, widths", ""), tuple(rows), note)
 
 
-def _means(tosses: Sequence[Toss], motions: Sequence[Motion]) -> tuple[Interval, Interval]:
+def _means(tosses: Sequence[Toss], motions: Sequence[TossMotion]) -> tuple[Interval, Interval]:
     """Errors of position, widths, and of rotation, deg, of whole tosses: means over frames, then tosses."""
     both = [errors(motion, toss, 0) for motion, toss in zip(motions, tosses, strict=True)]
     distances, angles = (np.array([part.mean() for part in parts]) for parts in zip(*both, strict=True))
     return mean_interval(distances), mean_interval(angles)
 
 
-def _from_first_frame(means: Mapping[str, tuple[Interval, Interval]], impacts: float) -> Table:
+def _from_first_frame(means: Mapping[str, tuple[Interval, Interval]], impacts: float) -> ReportTable:
     """Whole tosses from the first frame as tabulated, as Acosta, Yang & Posa compare them."""
     rows = tuple((name, shown(distance, 3), shown(angle, 1)) for name, (distance, angle) in means.items())
     note = f"With {impacts:.0f} impacts of ours in a toss on average. MuJoCo's contact was fitted by this measure."
-    return Table("From the first frame, means", ("engine", "error of position, widths", "rotation, deg"), rows, note)
+    return ReportTable("From the first frame, means", ("engine", "error of position, widths", "rotation, deg"), rows, note)
 
 
 def _claims(means: Mapping[str, tuple[Interval, Interval]], search: _Search) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -201,7 +201,7 @@ def _claims(means: Mapping[str, tuple[Interval, Interval]], search: _Search) -> 
     return (may if apart else ()), (turns, *others)
 
 
-def _from_end_of_free_flight(tosses: Sequence[Toss], engines: Mapping[str, Sequence[Motion]]) -> Table:
+def _from_end_of_free_flight(tosses: Sequence[Toss], engines: Mapping[str, Sequence[TossMotion]]) -> ReportTable:
     """Errors at frames after the last one of free flight, medians over tosses."""
     head = ("engine", *(f"{1e3 * frame / RATE_HZ:.0f} ms" for frame in _FRAMES), "end", "final face as measured")
     rows = []
@@ -214,7 +214,7 @@ def _from_end_of_free_flight(tosses: Sequence[Toss], engines: Mapping[str, Seque
         faces = [_face(motion) == _face(toss) for motion, toss in zip(motions, tosses, strict=True)]
         rows.append((name, *cells, percent(float(np.mean(faces)))))
     note = f"{len(tosses)} tosses; errors of position in widths, and of rotation in deg; medians."
-    return Table("From the end of free flight", head, tuple(rows), note)
+    return ReportTable("From the end of free flight", head, tuple(rows), note)
 
 
 def _median_at(frame: int, parts: Sequence[FloatArray]) -> float:
@@ -222,14 +222,14 @@ def _median_at(frame: int, parts: Sequence[FloatArray]) -> float:
     return float(np.median([part[min(frame, len(part) - 1)] for part in parts]))
 
 
-def _face(motion: Motion | Toss) -> int:
+def _face(motion: TossMotion | Toss) -> int:
     """The face of the cube that is up at the end: 1 to 3 by its axis, negative on the other side."""
     up = motion.rotations[-1].inv().apply((0.0, 0.0, 1.0))
     axis = int(np.argmax(np.abs(up)))
     return int(np.sign(up[axis])) * (axis + 1)
 
 
-def _curves(tosses: Sequence[Toss], engines: Mapping[str, Sequence[Motion]]) -> dict[str, FloatArray]:
+def _curves(tosses: Sequence[Toss], engines: Mapping[str, Sequence[TossMotion]]) -> dict[str, FloatArray]:
     """Median errors of position by time after the flight."""
     frames = range(45)
     curves = {"time, ms": np.array(frames) * 1e3 / RATE_HZ}

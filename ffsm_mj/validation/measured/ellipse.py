@@ -22,10 +22,10 @@ from ffsm_mj.identification.impacts import (
     moment_balance,
 )
 from ffsm_mj.report.markdown import percent
-from ffsm_mj.validation.measured.source import Progress, Report, Source, Table, digest, other_versions, shown
+from ffsm_mj.validation.measured.source import DataSource, GroupReport, Progress, ReportTable, digest, other_versions, shown
 
 _DATA, _MODELS = "processed_data/data_ellipse.mat", "processed_data/v_models.mat"
-SOURCE = Source(
+SOURCE = DataSource(
     "mcubelab/planar-impact-dataset",
     "f24a7e3",
     "none stated",
@@ -137,7 +137,7 @@ def _listed(variables: dict[str, object]) -> str:
     return ", ".join(name for name in variables if not name.startswith("__")) or "no variable"
 
 
-def report(folder: Path, stage: Progress) -> Report:
+def report(folder: Path, stage: Progress) -> GroupReport:
     """Sign test, fits, bounds and published models.
 
     Raises:
@@ -168,7 +168,7 @@ def report(folder: Path, stage: Progress) -> Report:
     tables = (
         _sign_test(recorded, balances, synthetic, test),
         _laws(judged, fits, errors),
-        Table("Published models, with the tangents as published", ("model", "median E"), _medians(there)),
+        ReportTable("Published models, with the tangents as published", ("model", "median E"), _medians(there)),
     )
     notices = []
     if frame != AS_RECORDED:
@@ -178,7 +178,7 @@ def report(folder: Path, stage: Progress) -> Report:
         )
     claims = _claims(fits[0], errors, there, (len(train), len(test)))
     versions, failures = other_versions(SOURCE, digests), _failures(judged, fits)
-    return Report(digests, versions, tuple(notices), failures, tables, *claims, errors)
+    return GroupReport(digests, versions, tuple(notices), failures, tables, *claims, errors)
 
 
 def _failures(impacts: MeasuredImpacts, fits: Sequence[LawFit]) -> tuple[str, ...]:
@@ -219,7 +219,7 @@ def _claims(
 
 def _sign_test(
     recorded: MeasuredImpacts, balances: Mapping[str, MomentBalance], synthetic: MeasuredImpacts, test: IntArray
-) -> Table:
+) -> ReportTable:
     """What the momenta say of each frame; the same of exact impacts of ours, in the frame that they obey and its mirror."""
     mu, e = _SYNTHETIC
     frames = {
@@ -244,10 +244,10 @@ def _sign_test(
             )
         )
     head = ("frame", "R^2", "miss, median, mm", "miss, 90 %, mm", "friction along slip", "slip grows", "bound, median E")
-    return Table("Sign test", head, tuple(rows))
+    return ReportTable("Sign test", head, tuple(rows))
 
 
-def _laws(impacts: MeasuredImpacts, fits: Sequence[LawFit], errors: Mapping[str, FloatArray]) -> Table:
+def _laws(impacts: MeasuredImpacts, fits: Sequence[LawFit], errors: Mapping[str, FloatArray]) -> ReportTable:
     """The fitted laws on impacts that they were not fitted to, the measured energies, and the bounds of any law."""
     rows = [
         (name, "", "", median, "", "") for name, median in _medians({name: errors[name] for name in (BOUND, CONE_BOUND)})
@@ -257,7 +257,7 @@ def _laws(impacts: MeasuredImpacts, fits: Sequence[LawFit], errors: Mapping[str,
         median = shown(median_interval(errors[one.law]), 4)
         rows.append((one.law, shown(one.mu, 4), shown(one.e, 4), median, *_energies(impacts, _by_fit(impacts, one))))
     head = ("law", "mu", "e", "median E", "energy ratio, median", "impacts that gain energy")
-    return Table("Laws, and what no law can beat", head, tuple(rows))
+    return ReportTable("Laws, and what no law can beat", head, tuple(rows))
 
 
 def _energies(impacts: MeasuredImpacts, velocities: FloatArray) -> tuple[str, str]:

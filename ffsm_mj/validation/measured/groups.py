@@ -13,7 +13,7 @@ from ffsm_mj.report.output_place import new_file, usable_folder
 from ffsm_mj.report.terminal import table
 from ffsm_mj.validation.measured import cube, ellipse, sphere
 from ffsm_mj.validation.measured.figures import save_figure
-from ffsm_mj.validation.measured.source import Progress, Report, Source
+from ffsm_mj.validation.measured.source import DataSource, GroupReport, Progress
 from ffsm_mj.validation.page import from_template
 
 PAGE = "measured-impacts.md"
@@ -31,8 +31,8 @@ class MeasuredGroup:
     """
 
     title: str
-    source: Source
-    report: Callable[[Path, Progress, bool], Report]
+    source: DataSource
+    report: Callable[[Path, Progress, bool], GroupReport]
     figure: str
 
 
@@ -63,7 +63,7 @@ def not_run(name: str) -> str:
     return f"Not run: `ffsm validate {name} --data DIR` computes it from a copy of {GROUPS[name].source.named}."
 
 
-def in_words(name: str, report: Report) -> str:
+def in_words(name: str, report: GroupReport) -> str:
     """A report for a terminal."""
     source = GROUPS[name].source
     lines = [GROUPS[name].title, f"Data: {source.named}. {source.citation}. Licence: {source.licence}.", ""]
@@ -78,7 +78,7 @@ def in_words(name: str, report: Report) -> str:
     return "\n".join(lines)
 
 
-def write_page(folder: Path, name: str, report: Report) -> list[Path]:
+def write_page(folder: Path, name: str, report: GroupReport) -> list[Path]:
     """Write the section of a group and its figure; other sections stay as they are, or say that they were not run.
 
     Raises:
@@ -116,7 +116,7 @@ def _old_section(page: str, name: str) -> str:
     return section[1] if section else f"## {GROUPS[name].title}\n\n{not_run(name)}"
 
 
-def _section(name: str, report: Report) -> str:
+def _section(name: str, report: GroupReport) -> str:
     group = GROUPS[name]
     source = group.source
     files = "\n".join(f"- `{file}`: SHA-256 `{value}`" for file, value in report.digests.items())

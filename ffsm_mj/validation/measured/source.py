@@ -16,7 +16,7 @@ Progress = Callable[..., Callable[[float, float], None] | None]
 
 
 @dataclass(frozen=True)
-class Source:
+class DataSource:
     """A public repository whose data a group reads.
 
     Attributes:
@@ -61,7 +61,7 @@ def digest(data: bytes) -> str:
 
 
 @dataclass(frozen=True)
-class Table:
+class ReportTable:
     """A table of a report.
 
     Attributes:
@@ -78,7 +78,7 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Report:
+class GroupReport:
     """What a group computed from the data.
 
     Attributes:
@@ -96,13 +96,13 @@ class Report:
     versions: tuple[str, ...]
     notices: tuple[str, ...]
     failures: tuple[str, ...]
-    tables: tuple[Table, ...]
+    tables: tuple[ReportTable, ...]
     may: tuple[str, ...]
     may_not: tuple[str, ...]
     curves: Mapping[str, FloatArray]
 
 
-def other_versions(source: Source, digests: Mapping[str, str]) -> tuple[str, ...]:
+def other_versions(source: DataSource, digests: Mapping[str, str]) -> tuple[str, ...]:
     """One line for each file that is not that of the examined version."""
     return tuple(
         f"{file}: not that of {source.named} (SHA-256 of what is read {value[:12]}..., there"

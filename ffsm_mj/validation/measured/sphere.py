@@ -11,11 +11,11 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import InputError
 from ffsm_mj.identification.fit import predicted
 from ffsm_mj.identification.impacts import MeasuredImpacts
-from ffsm_mj.validation.measured.source import Progress, Report, Source, Table, digest, other_versions
+from ffsm_mj.validation.measured.source import DataSource, GroupReport, Progress, ReportTable, digest, other_versions
 
 _FILE = "examples/dem/3d-oblique-wall-impact/oblique_wall_impact_postprocessing.py"
 _ANGLES, _RATIOS = "theta_restitution_exp", "restitution_exp"
-SOURCE = Source(
+SOURCE = DataSource(
     "chaos-polymtl/lethe",
     "255b5192",
     "Apache-2.0 WITH LLVM-exception OR LGPL-2.1-or-later",
@@ -90,7 +90,7 @@ def in_closed_form(angles: FloatArray) -> FloatArray:
     return np.maximum(1.0 - MU * (1.0 + E) / np.tan(np.radians(angles)), 1.0 - 1.0 / _ROLLING)
 
 
-def report(folder: Path, stage: Progress) -> Report:
+def report(folder: Path, stage: Progress) -> GroupReport:
     """Errors of the law where the sphere slides all along, and below.
 
     Raises:
@@ -121,14 +121,14 @@ def report(folder: Path, stage: Progress) -> Report:
     failures = (failure,) if difference > _ALLOWED else ()
     fine = np.linspace(1.0, 70.0, 140)
     curves = {"angle": angles, "measured": measured, "fine": fine, "computed": in_closed_form(fine)}
-    table = Table("Ratio e_t of tangential speeds, after over before", head, tuple(rows), note)
+    table = ReportTable("Ratio e_t of tangential speeds, after over before", head, tuple(rows), note)
     may = (f"Where spheres slide all along, Coulomb's law with the published mu and e gives e_t to {rows[0][2]} (rms).",)
     may_not = (
         f"That laws without tangential compliance describe steeper impacts: measured slip reverses by up to"
         f" {_reversed_slip(measured).max():.2f}, and these laws end at rolling, 0.",
         "Anything about the rotation: the tabulated angular velocities are not used.",
     )
-    return Report({_FILE: file_digest}, versions, (), failures, (table,), may, may_not, curves)
+    return GroupReport({_FILE: file_digest}, versions, (), failures, (table,), may, may_not, curves)
 
 
 def _reversed_slip(ratios: FloatArray) -> FloatArray:

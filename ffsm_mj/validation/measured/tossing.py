@@ -24,7 +24,7 @@ SOFT = {"stiffness": 3852.0, "damping": 63.2, "mu": 0.231}
 
 
 @dataclass(frozen=True)
-class Motion:
+class TossMotion:
     """Poses of the cube, one per frame from the start on.
 
     Attributes:
@@ -41,7 +41,7 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Task:
+class TossTask:
     """A toss to simulate.
 
     Attributes:
@@ -57,8 +57,8 @@ class Task:
     e: float
 
 
-def simulate(task: Task) -> Motion:
-    """Motion of a toss by this engine: a box on a fixed box, one contact rule, no controller."""
+def simulate(task: TossTask) -> TossMotion:
+    """TossMotion of a toss by this engine: a box on a fixed box, one contact rule, no controller."""
     half, inertia = SCALE * HALF_WIDTH_M, SCALE**2 * INERTIA_KG_M2
     gravity = (0.0, 0.0, -SCALE * GRAVITY)
     cube = body("cube", MASS_KG, [inertia] * 3, geom=f'type="box" size="{vector([half] * 3)}"')
@@ -81,7 +81,7 @@ def simulate(task: Task) -> Motion:
     return _motion(poses, tuple(failures), len(run.impacts))
 
 
-def simulate_soft(task: Task, *, scale: float) -> Motion:
+def simulate_soft(task: TossTask, *, scale: float) -> TossMotion:
     """The same by MuJoCo at its frames' step, with the contact parameters of others; ``scale`` 1 is the nominal cube."""
     half, inertia = scale * HALF_WIDTH_M, scale**2 * INERTIA_KG_M2
     cube = body(
@@ -102,11 +102,11 @@ def simulate_soft(task: Task, *, scale: float) -> Motion:
     return _motion(poses)
 
 
-def _motion(poses: FloatArray, failures: tuple[str, ...] = (), impacts: int = 0) -> Motion:
-    return Motion(poses[:, :3], Rotation.from_quat(poses[:, 3:], scalar_first=True), failures, impacts)
+def _motion(poses: FloatArray, failures: tuple[str, ...] = (), impacts: int = 0) -> TossMotion:
+    return TossMotion(poses[:, :3], Rotation.from_quat(poses[:, 3:], scalar_first=True), failures, impacts)
 
 
-def errors(motion: Motion, toss: Toss, first: int) -> tuple[FloatArray, FloatArray]:
+def errors(motion: TossMotion, toss: Toss, first: int) -> tuple[FloatArray, FloatArray]:
     """Distances of the centre in widths of the nominal cube, and angles of rotation, deg, from the frame ``first`` on."""
     distances = np.linalg.norm(motion.positions - toss.positions[first:], axis=1) / (2.0 * HALF_WIDTH_M)
     angles = (motion.rotations * toss.rotations[first:].inv()).magnitude()
