@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from copy import deepcopy
 from typing import Any
 
+from ffsm_mj.analysis.pacing import Pacing
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.analysis.summary import failing_checks
 from ffsm_mj.verification.check_result import Check
@@ -55,11 +56,13 @@ def all_checks(run: Run, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Chec
 
 
 def summary(run: Run, checks: Sequence[Check] | None = None) -> dict[str, Any]:
-    """Content of ``summary.json``: ``run.summary()`` with ``checks``, ``effort``, ``base_rotation``, ``angular_momentum``.
+    """Content of ``summary.json``: ``run.summary()`` with ``checks``, efforts, and ``realtime`` of a run in real time.
 
     Args:
         run: The run.
         checks: Results of all of its checks, where they are known already, as from :func:`ffsm_mj.explain`.
     """
     judged = all_checks(run) if checks is None else checks
-    return run.summary() | deepcopy(run.models.effort) | {"checks": failing_checks(judged)}
+    pacing = Pacing.of(run)
+    paced = {"realtime": pacing.summary()} if pacing is not None else {}
+    return run.summary() | deepcopy(run.models.effort) | paced | {"checks": failing_checks(judged)}

@@ -38,6 +38,7 @@ from ffsm_mj.scenario.source import YamlSource
 from ffsm_mj.simulation.orbit import orbit_of
 from ffsm_mj.simulation.plant import Plant
 from ffsm_mj.simulation.progress import Start
+from ffsm_mj.simulation.wall_clock import WallClock
 
 _RECORD_BYTES = 100
 """Upper bound of the overhead per sample in the log, bytes."""
@@ -120,6 +121,7 @@ class Assembly:
         task: The tip's task, if any.
         row: Columns of all components.
         start_notes: Notes on the initial state, one line each.
+        clock: Paces control ticks; None: they do not wait.
     """
 
     compiled: CompiledScenario
@@ -132,6 +134,7 @@ class Assembly:
     task: Task | None
     row: Row
     start_notes: tuple[str, ...] = ()
+    clock: WallClock | None = None
 
     @property
     def scenario(self) -> ScenarioConfig:
@@ -194,13 +197,15 @@ def _assembled(compiled: CompiledScenario) -> Assembly:
     controller = _phase_machine(scenario, phases, contexts, controller_model, plant, grasped_systems, compiled.estimators)
     controller_data = data if controller_model is None else controller_model.data
     refuse_start(phases[0], scenario.phases[0], controller_data)
-    columns = [*plant.columns, *controller.columns]
+    paced = scenario.realtime
+    clock = WallClock(paced.factor, paced.max_late_s, scenario.control_period_s) if paced is not None else None
+    columns = [*plant.columns, *controller.columns, *((clock.columns,) if clock is not None else ())]
     refuse_same_names(columns, system)
     row = Row(columns)
     if fault := _too_large(scenario.ticks, len(row.layout.signals), scenario.log.max_size_GB):
         raise ScenarioFaults([Fault(fault, ("duration_s",))])
     known = contacts.ignored.union(*(contact_model.watched for contact_model in plant.integrator.sources))
-    return Assembly(compiled, plant, controller_data, contacts, limits, known, controller, task, row, start_notes)
+    return Assembly(compiled, plant, controller_data, contacts, limits, known, controller, task, row, start_notes, clock)
 
 
 def _phase_machine(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cache, partial
@@ -23,6 +24,7 @@ from ffsm_mj.assembly.process import noted, one_blas_thread, source_date
 from ffsm_mj.assembly.recorded_files import RecordedFiles, resolved_data
 from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.errors import LogWriteError
+from ffsm_mj.log.background import BACKGROUND_ROWS, BackgroundSink
 from ffsm_mj.log.mcap.reader import stored_rows
 from ffsm_mj.log.mcap.sink import McapSink
 from ffsm_mj.log.recorder import RECORDED_ROWS, MemorySink, Recorder, Sink
@@ -49,6 +51,7 @@ from ffsm_mj.simulation.loop import Simulation
 from ffsm_mj.simulation.outcome import Ended, internal_error
 from ffsm_mj.simulation.progress import Settings
 from ffsm_mj.simulation.rows import RowWriter
+from ffsm_mj.simulation.wall_clock import prompt_process
 
 _PACKAGES = ("ffsm-mj", "mujoco", "numpy", "scipy", "mcap", "rerun-sdk", "pydantic", "protobuf")
 
@@ -93,19 +96,25 @@ class Recording:
         self._compiled = partial(_models, config, system, assembly.compiled.recorded)
         self._header = _header(assembly, start_s, is_whole=columns is None)
         self._memory, self._digest = MemorySink(keep_rows=folder is None, columns=columns), Digest()
-        sinks: list[Sink] = [self._memory, self._digest, self._effort, *watchers]
+        sinks: list[Sink] = [self._memory, self._digest, self._effort]
         if folder is not None:
             rate_hz = config.log.view_rate_hz
             sinks += file_sinks(folder, self._header, system, with_rerun=with_rerun, view_rate_hz=rate_hz)
         if live is not None:
             sinks.append(LiveSink(live, system, config.log.view_rate_hz))
-        block = np.zeros((RECORDED_ROWS, len(layout.signals)))
+        self._stack, self._paced = ExitStack(), assembly.clock is not None
+        if self._paced:
+            sinks = [BackgroundSink(sinks)]
+        lines = BACKGROUND_ROWS if self._paced else RECORDED_ROWS
+        block = np.zeros((lines, len(layout.signals)))
         rows = RowWriter(assembly.row, assembly.plant.state.sampler, block)
-        self._recorder = Recorder(block, sinks, rows.complete, by_clock=clock is None)
+        self._recorder = Recorder(block, (*sinks, *watchers), rows.complete, by_clock=clock is None)
         contacts = assembly.contacts
         watch = ContactWatch(system.mj, assembly.data, assembly.known_pairs, contacts.unsupported, contacts.left_out)
         settings = _settings(config)
-        self.simulation = Simulation(assembly.plant, watch, assembly.controller, rows, self._recorder, settings)
+        self.simulation = Simulation(
+            assembly.plant, watch, assembly.controller, rows, self._recorder, settings, assembly.clock
+        )
 
     def __enter__(self) -> Recording:
         """Open the log.
@@ -113,6 +122,8 @@ class Recording:
         Raises:
             InputError: The folder cannot be used.
         """
+        if self._paced:
+            self._stack.enter_context(prompt_process())
         self._recorder.__enter__()
         try:
             self._recorder.open(self._header)
@@ -127,6 +138,7 @@ class Recording:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> bool:
         """Close the log. Of a run that is over, one that cannot be finished only changes the outcome."""
+        self._stack.close()
         try:
             self._recorder.__exit__(kind, error, trace)
         except Exception as failure:

@@ -386,6 +386,7 @@ class Simulator:
         estimators: Mapping[str, Any] = MappingProxyType({}),
         rerun: bool | None = None,
         live: str | None = None,
+        realtime: float | None = None,
         force: bool = False,
         check: bool = True,
     ) -> None:
@@ -401,6 +402,8 @@ class Simulator:
             estimators: Estimators of the caller's own.
             rerun: Write ``run.rrd`` into the folder.
             live: ``host:port`` of a Rerun viewer to stream to.
+            realtime: Simulated seconds per second: a step ends when the clock has come to its end, see the scenario's key
+                of the same name. None: as the scenario says.
             force: Replace a run that ``record`` already holds.
             check: Let a step raise what a control law, an estimator or a contact model raised, as :func:`ffsm_mj.run` does.
                 If false, the step ends the run, and the run says how.
@@ -408,6 +411,8 @@ class Simulator:
         Raises:
             InputError: The scenario or a model is wrong, or the folder holds a run.
         """
+        paced = () if realtime is None else (f"realtime.factor={realtime!r}",)
+        overrides = [*as_overrides(overrides), *paced]
         self._scenario = scenario_of(scenario, overrides, controllers=controllers, estimators=estimators)
         self._seed, self._record = seed, record
         self._rerun, self._live, self._force, self._check = rerun, live, force, check

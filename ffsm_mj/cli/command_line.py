@@ -192,6 +192,14 @@ def _describe_run(run: argparse.ArgumentParser) -> None:
     run.add_argument("--no-rerun", action="store_true", help="do not write a recording for the Rerun viewer")
     run.add_argument("--allow-failed-checks", action="store_true", help="exit 0 even if a check fails")
     _add_truncation(run)
+    run.add_argument(
+        "--realtime",
+        nargs="?",
+        const=1.0,
+        type=positive,
+        metavar="FACTOR",
+        help="wait for the clock: FACTOR simulated seconds per second (default: 1)",
+    )
     run.add_argument("--live", action="store_true", help="stream the run to a Rerun viewer, which is opened if necessary")
     run.add_argument("--viewer", metavar="HOST:PORT", help="address of the viewer for --live (default: 127.0.0.1:9876)")
 

@@ -43,6 +43,8 @@ def run(options: argparse.Namespace, output: Output) -> int:
     from ffsm_mj.cli.truncation import PATIENCE
     from ffsm_mj.log.run_folder import RunFolder
 
+    if options.realtime is not None:
+        options.overrides.append(f"realtime.factor={options.realtime!r}")
     if options.out == "":
         complain("--out: an empty name; leave --out away for a folder in logs/")
         return BAD_INPUT

@@ -22,6 +22,7 @@ class Outcome(StrEnum):
     SINGULAR_MECHANISM = "singular_mechanism"
     CONTROLLER_FAILED = "controller_failed"
     WRITE_FAILED = "write_failed"
+    OVERRUN = "overrun"
     INTERRUPTED = "interrupted"
 
     @property
@@ -40,6 +41,7 @@ _SENTENCES = {
     Outcome.SINGULAR_MECHANISM: "closed loops became singular",
     Outcome.CONTROLLER_FAILED: "the controller failed",
     Outcome.WRITE_FAILED: "the log could not be written",
+    Outcome.OVERRUN: "the run fell behind real time",
     Outcome.INTERRUPTED: "the run was interrupted",
 }
 

@@ -23,7 +23,7 @@ SUMMARY_KEYS = frozenset(
         *("schema_version", "scenario", "outcome", "message", "start_s", "duration_s", "steps", "sub_steps"),
         *("smallest_step_s", "wall_s", "real_time_factor", "law_wall_s_per_tick", "conservative", "contacts", "grasps"),
         *("tip", "controller", "conservation", "model", "controller_model", "versions"),
-        *("effort", "base_rotation", "angular_momentum", "checks", "sensitivity"),
+        *("effort", "base_rotation", "angular_momentum", "checks", "sensitivity", "realtime"),
     )
 )
 """Keys of ``summary.json`` that are not plurals of kinds; some runs lack some of them."""

@@ -29,6 +29,7 @@ GROUPS = {
     "estimate": "state as the control law sees it, and its error",
     "controller": "telemetry of the controller",
     "phase": "the phase of the task",
+    "clock": "wall time of a run in real time",
 }
 
 # The whole system, and the two subsystems of an impact.

@@ -20,6 +20,8 @@ from ffsm_mj.verification.agreement import Agreement, scales
 
 _Parts: TypeAlias = Sequence[tuple[Callable[[], FloatArray], IntArray]]
 """Values of the columns of some parts, and their places in a row."""
+_COPIED = ("estimate", "controller", "phase", "clock")
+"""Groups of columns that are copied from the log."""
 
 
 class LoggedRows:
@@ -72,8 +74,10 @@ class ReplayedRows:
         self.predicted, self.forces_apart = np.zeros((RECORDED_ROWS, model.nq + model.nv)), np.zeros(RECORDED_ROWS)
         self.accuracy = np.zeros_like(self.again)
         known = plant.columns
-        # Columns of the controller cannot be recomputed: they are copied from the log.
-        controller = tuple(signal for signal in layout.signals if signal.group in ("estimate", "controller", "phase"))
+        # They cannot be recomputed.
+        controller = tuple(
+            signal for signal in layout.signals if signal.group in ("estimate", "controller", "phase", "clock")
+        )
         self.copied = layout.places(signal.key for signal in controller), np.zeros(len(controller))
         row = _row_of_log([*known, Columns(controller, live=self.copied[1])], layout)
         self._writer = RowWriter(row, plant.state.sampler, self.again)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+from ffsm_mj.analysis.pacing import Pacing
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.errors import one_line
 from ffsm_mj.records.metadata import changed_property_lines, gravity_line
@@ -113,6 +114,7 @@ def details(run: Run, most: int = MOST_ROWS) -> list[str]:
         _notes_of_laws(run),
         _tip(run),
         _joint_friction(run),
+        pacing.line() if (pacing := Pacing.of(run)) is not None else "",
         momentum_line(run),
         unhandled_table(run.unhandled_contacts, most=most),
     ]

@@ -233,6 +233,15 @@ class LogConfig(StrictModel):
     run that goes on from an instant (``--from``) need not be made again from its beginning; some 10 to 100 kB each."""
 
 
+class RealTimeConfig(StrictModel):
+    """A run that waits for a clock."""
+
+    factor: PositiveFloat = 1.0
+    """Simulated seconds per second."""
+    max_late_s: PositiveFloat | None = None
+    """A run of which a control tick begins later than this, s, ends with the outcome ``overrun``; default: it goes on."""
+
+
 class ScenarioConfig(StrictModel):
     """Keys of a scenario file: a run of one robot and its objects."""
 
@@ -303,6 +312,8 @@ class ScenarioConfig(StrictModel):
     """Contact models in addition to impacts, each with its ``kind``; see docs/contact-models.md."""
     environment: EnvironmentConfig | None = None
     """An orbit, and other external fields; left out: none."""
+    realtime: RealTimeConfig | None = None
+    """Control ticks wait for the clock of the machine; default: a run is as fast as it can be. See ``--realtime``."""
     log: LogConfig = LogConfig()
     uncertainties: dict[Name, PositiveFloat] = {}
     """Standard deviations of numbers of the scenario by dotted key, in their units: a run is repeated at plus and minus each

@@ -28,6 +28,7 @@ from ffsm_mj.simulation.plant import Plant
 from ffsm_mj.simulation.progress import EventDue, Progress, Settings, Start
 from ffsm_mj.simulation.rows import LogWriter, RowWriter
 from ffsm_mj.simulation.steps import FreeFlight, GridStep
+from ffsm_mj.simulation.wall_clock import WallClock
 from ffsm_mj.state import StateError, entries
 
 
@@ -50,9 +51,11 @@ class Simulation:
         rows: RowWriter,
         recorder: Recorder,
         settings: Settings,
+        clock: WallClock | None = None,
     ) -> None:
-        """Store the parts; ``watch`` reports overlaps that no contact model handles."""
+        """Store the parts; ``watch`` reports overlaps that no contact model handles, ``clock`` paces decisions."""
         self._plant, self._watch, self._controller, self._settings = plant, watch, controller, settings
+        self._clock = clock
         self._log = LogWriter(recorder, rows, watch, controller, plant)
         self._evaluation = Evaluation(plant, controller)
         self.progress = Progress()
@@ -100,6 +103,11 @@ class Simulation:
             self._plant.integrator.interrupt_by(self._poll)
             if self._plant.sampler is not None:
                 self._plant.sampler.begin()
+            self._begin_clock()
+
+    def _begin_clock(self) -> None:
+        if self._clock is not None:
+            self._clock.begin(self.next_tick_s if self.due is None else self.due.observation.time_s)
 
     def advance(self, to_event: bool = False, commanded: bool = False, flying: bool = False) -> None:
         """Take the decision that is due, and simulate to the next one or to the end of the run.
@@ -116,10 +124,12 @@ class Simulation:
             if self.due is not None:
                 due, self.due = self.due, None
                 self._settle(due, commanded)
-            elif not (flying and self._free_ticks()):
+            elif not (flying and self._clock is None and self._free_ticks()):
                 self._tick()
             self._observed = None
             self._step_to_tick(to_event)
+            if self._clock is not None:
+                self._clock.wait(self.next_tick_s if self.due is None else self.due.observation.time_s, self._poll)
         self._wall_s += time.perf_counter() - started
 
     @dataclass
@@ -184,6 +194,7 @@ class Simulation:
             self._controller.begin_law_again(replaced)
         self._controller.tell_phase_again()
         self._log.phases()
+        self._begin_clock()
 
     def observation(self) -> Observation:
         """What the controller sees at the decision that is due, or at the end of the run."""
@@ -282,6 +293,8 @@ class Simulation:
         self.progress.ticks += 1
         if self._evaluation.is_on_time(now, tick):
             self._decide(now)
+        if self._clock is not None:
+            self._clock.decided()
         self._log.row(now)
         if self.report is not None:
             self._report(now)

@@ -1,0 +1,131 @@
+"""Runs that wait for the clock: times by the clock, the same motion, overruns, and how they end."""
+
+from __future__ import annotations
+
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.errors import InputError
+from ffsm_mj.log import background
+from tests.replays import assert_passes, assert_replayed
+
+TAP = {"duration_s": 0.6}
+PACED = TAP | {"realtime.factor": 1.0}
+
+
+def test_a_run_takes_its_time_and_is_the_same(tmp_path):
+    """Bit for bit that of a run that does not wait, through impacts and contact; not faster than the clock.
+
+    Each tick begins at its time or later, whatever else the machine does: its lateness is not negative, and the wall time
+    of the run at least that of its last tick.
+    """
+    began = time.perf_counter()
+    run = ffsm_mj.run("tap", TAP | {"realtime.factor": 2.0}, out=tmp_path / "run")
+    took_s = time.perf_counter() - began
+    free = ffsm_mj.run("tap", TAP)
+    for key in free.keys:
+        assert np.array_equal(run[key], free[key], equal_nan=True), key
+    assert {*run.keys} - {*free.keys} == {f"clock.{name}" for name in ("late_s", "law_s", "busy_s", "overruns")}
+    assert took_s > 0.3
+    assert run["clock.late_s"].min() >= 0.0
+    assert (np.diff(run["clock.overruns"]) >= 0.0).all()
+    assert len(run.impacts) > 3
+    assert_replayed(run)
+    assert_passes(run)
+    summary = ffsm_mj.summary(run)["realtime"]
+    assert summary["ticks"] == len(run.time)
+    assert summary["overruns"] == run["clock.overruns"][-1]
+    assert summary["late_most_s"] == run["clock.late_s"].max()
+
+
+def test_steps_of_a_simulator_end_with_the_clock():
+    """Steps to ticks, to events, and over many ticks; after a step back time goes on from there at once."""
+    with ffsm_mj.Simulator("tap", TAP, realtime=4.0) as simulator:
+        simulator.reset()
+        began = time.perf_counter()
+        simulator.step(until=0.2)
+        assert time.perf_counter() - began >= 0.05 - 1e-4
+        state = simulator.get_state()
+        simulator.step(until="event")
+        simulator.set_state(state)
+        began = time.perf_counter()
+        simulator.step(until=0.4)
+        assert time.perf_counter() - began >= 0.05 - 1e-4
+
+
+class Slow:
+    """A law that takes its time at one tick."""
+
+    telemetry_signals = ()
+
+    def __init__(self, config, context):
+        pass
+
+    def start(self, observation):
+        pass
+
+    def control(self, observation, command):
+        if 0.1 <= observation.time_s < 0.105:
+            time.sleep(0.05)
+
+    def telemetry(self):
+        return ()
+
+
+SLOW = {"phases": [{"name": "slow", "until": "end", "controller": {"kind": "slow"}}]}
+
+
+def test_a_law_that_is_too_slow_is_an_overrun():
+    """It sleeps over ten periods of 5 ms: the next tick is late by what is left, and time does not stretch.
+
+    The last tick is due 0.6 s after the first, also after the pause: a machine that is not too busy makes up for it.
+    """
+    run = ffsm_mj.run("tap", PACED | SLOW, controllers={"slow": Slow})
+    assert run["clock.law_s"][20] > 0.05
+    assert run["clock.busy_s"][21] > 0.05
+    assert run["clock.overruns"][21] >= run["clock.overruns"][20] + 1
+    assert run["clock.late_s"][21] > 0.04
+
+
+def test_a_bound_ends_the_run_and_its_log_is_whole(tmp_path):
+    overrides = PACED | SLOW | {"realtime.max_late_s": 0.03}
+    run = ffsm_mj.run("tap", overrides, controllers={"slow": Slow}, out=tmp_path / "run")
+    assert run.outcome == "overrun"
+    assert "s late; allowed are 0.03 s" in run.message
+    assert run.complete
+    assert run.time[-1] <= 0.11
+    assert_replayed(ffsm_mj.load_run(tmp_path / "run"))
+
+
+def test_a_log_that_cannot_be_written_ends_the_run(tmp_path, monkeypatch):
+    """What fails in the thread of the log is raised in that of the run."""
+
+    def full(_self, _block):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("ffsm_mj.log.mcap.format.SampleCodec.encode", full)
+    monkeypatch.setattr(background, "RECORDED_ROWS", 20)
+    run = ffsm_mj.run("tap", PACED, out=tmp_path / "run", rerun=False)
+    assert run.outcome == "write_failed"
+    assert not [thread for thread in threading.enumerate() if thread.name == "ffsm log"]
+
+
+@pytest.mark.parametrize("factor", [0.0, -1.0, float("inf"), float("nan")])
+def test_a_pace_that_is_none_is_refused(factor):
+    with pytest.raises(InputError, match=r"realtime\.factor"):
+        ffsm_mj.Simulator("tap", realtime=factor)
+
+
+def test_the_log_is_that_of_a_run_in_one_thread(tmp_path):
+    """Rows, events and their order: with blocks in the background, and at once."""
+    paced = ffsm_mj.run("tap", TAP | {"realtime.factor": 8.0}, out=tmp_path / "paced", rerun=False)
+    free = ffsm_mj.run("tap", TAP, out=tmp_path / "free", rerun=False)
+    read, other = (ffsm_mj.load_run(Path(run.path)) for run in (paced, free))
+    assert [type(event) for event in read.log.events] == [type(event) for event in other.log.events]
+    assert np.array_equal(read.qpos, other.qpos)
+    assert np.array_equal(read.time, other.time)
