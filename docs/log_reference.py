@@ -104,8 +104,8 @@ def reference() -> Iterator[str]:
         "\n"
         f"Models with sensors have the group `sensor`, {GROUPS['sensor']}; with an\n"
         f"estimator there is the group `estimate`, {GROUPS['estimate']}: their fields are in\n"
-        "[Sensors and delays](sensors.md#in-the-log) and [State estimation](state-estimation.md). Runs in
-[real time](stepping.md#real-time) have the group `clock`.\n"
+        "[Sensors and delays](sensors.md#in-the-log) and [State estimation](state-estimation.md). Runs in\n"
+        "[real time](stepping.md#real-time) have the group `clock`.\n"
     )
     for group, fields_of_group in samples().items():
         yield f"### {group}: {GROUPS[group]}\n"
