@@ -72,7 +72,7 @@ class Proximity:
         return nearest if math.dist(nearest, place) <= offset_m else place
 
 
-_AT_END = 1e-7
+AT_END = 1e-7
 """A contact point within this share of the length of an edge or face from its end is at its end."""
 
 
@@ -214,7 +214,7 @@ def _flats(
 def _flat(points: FloatArray) -> FloatArray:
     """Projector on the flat directions at the contact point, (2, 2), of a feature with these extreme points, (2, k)."""
     spread = points.T
-    reach = _AT_END * float(np.abs(spread).max(initial=0.0))
+    reach = AT_END * float(np.abs(spread).max(initial=0.0))
     if len(spread) < 2 or float(np.linalg.norm(spread, axis=1).min()) <= reach:
         return np.zeros((2, 2))  # a single point, or the contact is at a corner
     if len(spread) == 2:
@@ -255,7 +255,7 @@ def _flats_of_caps(
 def _along_rim(cap: Cap, point: FloatArray, tangents: FloatArray) -> FloatArray | None:
     """Projector on the tangent of the rim of a cap at one of its points, (2, 2); None for other points."""
     rim = tangents @ (point - cap.centre)
-    if abs(float(np.linalg.norm(rim)) - cap.radius) > 2.0 * _AT_END * cap.radius:
+    if abs(float(np.linalg.norm(rim)) - cap.radius) > 2.0 * AT_END * cap.radius:
         return None
     return _along(np.array((-rim[1], rim[0])))
 

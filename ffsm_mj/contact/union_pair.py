@@ -27,7 +27,7 @@ from ffsm_mj.contact.normal import DISTANCE_LIMIT_M, NormalSearch, separation
 from ffsm_mj.contact.pairs import ContactPair, gap_rounding
 from ffsm_mj.contact.patch import corners_across
 from ffsm_mj.contact.probe import PartSearch, Probe
-from ffsm_mj.contact.proximity import FAR_M, Proximity, SecondRate, second_rate
+from ffsm_mj.contact.proximity import AT_END, FAR_M, Proximity, SecondRate, second_rate
 from ffsm_mj.contact.shape import Shape
 from ffsm_mj.contact.sides import Piece, Side
 from ffsm_mj.contact.surfaces import AT_POINT_M, ONE_NORMAL, AmongOthers, crosses_seam, levelled, may_tie
@@ -454,13 +454,15 @@ class UnionPair(ContactPair):
         of_b = self._velocity(data, self.body_b, self._root2, there)
         return np.asarray((of_b - self._velocity(data, self.body_a, self._root1, there))[0])
 
-    def _there(self, side: Side, model: Any, data: Any, point: FloatArray) -> dict[Piece, FloatArray]:
-        """Pieces of a side that have a point on their surface, with the normals there."""
+    def _there(
+        self, side: Side, model: Any, data: Any, point: FloatArray, reach: float = AT_POINT_M
+    ) -> dict[Piece, FloatArray]:
+        """Pieces of a side that have a point on their surface, within a reach in m, with the normals there."""
         rotation = data.xmat[side.body].reshape(3, 3)
         local = (point - data.xpos[side.body]) @ rotation
         there = {}
-        for piece in side.at(local, AT_POINT_M):
-            normals = Shape(model, data, piece.geom, piece.part).normals_at(point, AT_POINT_M)
+        for piece in side.at(local, reach):
+            normals = Shape(model, data, piece.geom, piece.part).normals_at(point, reach)
             if normals is not None:
                 exposed = [normal for normal in normals if not side.is_covered(piece, normal @ rotation)]
                 if exposed:
@@ -470,8 +472,11 @@ class UnionPair(ContactPair):
     def second_rate(self, model: Any, data: Any, near: Proximity, point: FloatArray) -> SecondRate:
         """Second rate of the gap at one of the points of a patch; accelerations in ``data`` must be current."""
         owner, half = _owner(near, point), 0.5 * near.gap * near.normal
+        # As far from the end of its face as a point still counts as at the end.
         shapes = [
-            AmongOthers(model, data, piece, [*self._there(side, model, data, point)], point, side.body)
+            AmongOthers(
+                model, data, piece, [*self._there(side, model, data, point, 2.0 * AT_END * piece.radius)], point, side.body
+            )
             for piece, side in zip(owner.pieces, self.sides, strict=True)
         ]
         bodies, points = (self.body_a, self.body_b), (point - half, point + half)

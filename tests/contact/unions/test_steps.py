@@ -41,7 +41,7 @@ def struck(run):
     return {tuple((np.round(impact.normal, 9) + 0.0).tolist()) for impact in run.impacts if impact.impulse_N_s > 1e-12}
 
 
-@pytest.mark.parametrize("height", [1e-3, 0.05])
+@pytest.mark.parametrize("height", [1e-6, 1e-3, 0.05])
 def test_a_box_trips_over_a_step(tmp_path, height):
     """Case 6: the edge of the step stops the point of the box at its height, the floor the lower edge.
 
