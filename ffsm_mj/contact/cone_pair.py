@@ -381,8 +381,18 @@ class RoundConePair(ConePair):
         self._generators, self.slot = generators, slot
 
     def gap(self, model: Any, data: Any, limit: float = FAR_M) -> float:  # noqa: ARG002
-        """The same of all places of the rim or ellipsoid: one may go, and come where another is, nearer than it was."""
+        """The same of all places of the rim or ellipsoid: one may go, and come where another is, nearer than it was.
+
+        While persistent contact holds the other place, that is no place of this pair, and it may come where none is.
+        """
+        if self._generators.is_held(1 - self.slot):
+            place = self._place(data)
+            return min(limit, self._generators.least_elsewhere(data) if place is None else self._seen(data, place)[0])
         return min([limit, *(self._seen(data, place)[0] for place in self._generators.places(data))])
+
+    def hold(self, features: Sequence[Any]) -> None:
+        """Note whether persistent contact holds this place."""
+        self._generators.hold(self.slot, held=bool(features))
 
     def _place(self, data: Any) -> FloatArray | None:
         return self._generators.place(data, self.slot)

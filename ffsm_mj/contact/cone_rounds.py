@@ -66,6 +66,7 @@ class NearestGenerators(Stateful):
         """
         self._cone, self._geom, self._core = cone, geom, core
         self._angles = np.full(SLOTS, np.nan)
+        self._held: set[int] = set()
         self._grid = 2.0 * np.pi * np.arange(_SAMPLES) / _SAMPLES
         outwards = np.array([cone.outward(angle) for angle in self._grid.tolist()])
         self._normals = cone.sine * np.array(cone.axis) - cone.cosine * outwards
@@ -90,6 +91,26 @@ class NearestGenerators(Stateful):
             holder = int(np.flatnonzero(self._angles == self._at(data)[int(np.argmin(places))][1])[0])
             self._angles[[slot, holder]] = self._angles[[holder, slot]]
 
+    def hold(self, slot: int, *, held: bool) -> None:
+        """Note whether persistent contact holds one of the minima."""
+        (self._held.add if held else self._held.discard)(slot)
+
+    def is_held(self, slot: int) -> bool:
+        """Whether it does."""
+        return slot in self._held
+
+    def least_elsewhere(self, data: Any) -> float:
+        """Half the least distance at the state in ``data`` from generators at which a second minimum may come, m.
+
+        Between two minima the distance has a maximum: the second is not where it is convex round the first. Half, as what
+        is convex shrinks with the motion that brings the second nearer.
+        """
+        distances = self._distances(*self._placed(data))
+        lowest = int(np.argmin(distances))
+        rising = np.roll(np.roll(distances, -1) - 2.0 * distances + np.roll(distances, 1), -lowest) <= 0.0
+        outside = np.roll(distances, -lowest)[int(np.argmax(rising)) : _SAMPLES - int(np.argmax(rising[::-1]))]
+        return 0.5 * float(outside.min(initial=math.inf)) if rising.any() else math.inf
+
     def angle(self, data: Any, slot: int) -> float:
         """Angle of one of the minima at the state in ``data``, rad; NaN if there is none."""
         self._at(data)
@@ -97,22 +118,30 @@ class NearestGenerators(Stateful):
 
     def _at(self, data: Any) -> list[tuple[float, float, Vector]]:
         """Distance in m, angle in rad and point of the lowest minima, axes of the cone about its apex."""
-        body, geom = self._cone.body.id, self._geom
-        back, rotation = data.xmat[body].reshape(3, 3).T, data.geom_xmat[geom].reshape(3, 3)
-        place = data.geom_xpos[geom] + rotation @ self._core.centre
-        centre, axes = back @ (place - data.xpos[body]) - self._cone.apex, back @ rotation
+        centre, axes = self._placed(data)
         key = centre.tobytes() + axes.tobytes()
         if key != self._known[0]:
             self._known = key, sorted(self._minima(centre, axes))[:SLOTS]
         angles = [angle for _, angle, _ in self._known[1]]
         # A state that was taken back has angles of its own.
-        if not np.isin(angles, self._angles).all():
+        if not set(angles).issubset(self._angles.tolist()):
             self._assign(angles)
         return self._known[1]
 
+    def _placed(self, data: Any) -> tuple[FloatArray, FloatArray]:
+        """Centre of the core relative to the apex, m, and its axes as columns, in axes of the cone."""
+        body, geom = self._cone.body.id, self._geom
+        back, rotation = data.xmat[body].reshape(3, 3).T, data.geom_xmat[geom].reshape(3, 3)
+        place = data.geom_xpos[geom] + rotation @ self._core.centre
+        return back @ (place - data.xpos[body]) - self._cone.apex, back @ rotation
+
+    def _distances(self, centre: FloatArray, axes: FloatArray) -> FloatArray:
+        """Distances at the generators of the grid, m."""
+        return np.asarray(self._normals @ centre - np.sqrt((self._normals @ axes) ** 2 @ self._core.squares))
+
     def _minima(self, centre: FloatArray, axes: FloatArray) -> Iterator[tuple[float, float, Vector]]:
         """Distance, angle and point of each local minimum."""
-        distances = self._normals @ centre - np.sqrt((self._normals @ axes) ** 2 @ self._core.squares)
+        distances = self._distances(centre, axes)
         low = (distances <= np.roll(distances, 1)) & (distances < np.roll(distances, -1))
         low[np.argmin(distances)] |= not low.any()  # level to the last bit, as a rim in its place
         middle, columns = tuple(centre.tolist()), [tuple(column) for column in axes.T.tolist()]

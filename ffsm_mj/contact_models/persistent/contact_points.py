@@ -134,7 +134,8 @@ class SingleState:
                 surfaces, at qacc = 0, (m, 3).
         """
         twist, (u, v, w) = self._twist, self._state.point_rate
-        rows[0, :, :3], rows[0, :, 3:] = np.cross(self._arm, axes), axes
+        for row, (x, y, z) in zip(rows[0], axes.tolist(), strict=True):
+            row[:] = *cross(self._arm, (x, y, z)), x, y, z
         passing = shifted(twist.acceleration, 1.0, cross(twist.alpha, self._arm))
         # With the velocity of the contact point, which moves over both bodies: rows of a point fixed to one bend the path of
         # a sphere that rolls and spins (docs/derivations.md).
