@@ -22,7 +22,17 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.cone_rounds import SLOTS, NearestGenerators, RoundCore
 from ffsm_mj.contact.features.body_motion import Body
-from ffsm_mj.contact.features.cone_gaps import ALIKE, Cone, ConePart, Meridian, PointOnCone, RoundOnCone, curvature_margin
+from ffsm_mj.contact.features.cone_gaps import (
+    ALIKE,
+    Cone,
+    ConePart,
+    LevelRimOnCone,
+    Meridian,
+    PointOnCone,
+    RoundOnCone,
+    curvature_margin,
+    level_tilt,
+)
 from ffsm_mj.contact.features.cores import Circle, Ellipsoid, Point
 from ffsm_mj.contact.features.gap_function import GapFunction
 from ffsm_mj.contact.pairs import ContactPair, gap_rounding
@@ -40,8 +50,9 @@ _ALL_ROUND_M = 4.0 * CONTACT_GAP_M
 
 It is twice the distance from the axis times the cosine of the half angle; a feature ends a little before.
 """
-_LEVEL = 1e-6
-"""Share by which curvatures of a rim and the cone differ, at most, where it touches all round: there is no one normal."""
+_ALIKE = 1e-6
+"""Share by which curvatures of an ellipsoid and the cone differ, at most, where it touches all round: there is no one
+normal."""
 _GEOM = mujoco.mjtGeom
 _NO_CONE = np.empty((0, 3))
 
@@ -243,14 +254,19 @@ class ConePair(ContactPair):
         gap, rho, seen, outward = self._seen(data, place)
         if abs(gap) > CONTACT_GAP_M or not self._touches_round(model, data, rho):
             return (self._along(data, place, gap, self._inward(data, seen, outward)),)
+        return self._all_round(data, place)
+
+    def _all_round(self, data: Any, place: FloatArray) -> tuple[Proximity, ...]:
+        """Proximities of a place on the axis, in each direction in which it touches."""
+        gap, _, seen, _ = self._seen(data, place)
         return tuple(self._along(data, place, gap, self._inward(data, seen, way)) for way in self._round(data, place))
 
-    def _along(self, data: Any, place: FloatArray, gap: float, inward: FloatArray) -> Proximity:
+    def _along(self, data: Any, place: FloatArray, gap: float, inward: FloatArray, patch: str = "") -> Proximity:
         """Proximity of a place at a gap, with a normal to the inside."""
         normal = inward if self._on_a else -inward
         points = (place - (self._contact.radius + 0.5 * gap) * inward)[None]
         rates, tolerance = self._rates(data, normal, points)
-        return Proximity(gap, normal, points, rates, tolerance, gap_rounding(points))
+        return Proximity(gap, normal, points, rates, tolerance, gap_rounding(points), patch)
 
     def _round(self, data: Any, place: FloatArray) -> list[FloatArray]:
         """Directions from the axis in which a point on it touches: that of its motion, the opposite, and those between."""
@@ -283,12 +299,11 @@ class ConePair(ContactPair):
         inward = self._inward(data, seen, outward)
         return gap, np.stack((place - seen.distance * inward, place - self._contact.radius * inward))
 
-    def second_rate(self, model: Any, data: Any, near: Proximity, point: FloatArray) -> SecondRate:  # noqa: ARG002
+    def second_rate(self, model: Any, data: Any, near: Proximity, point: FloatArray) -> SecondRate:
         """Second rate of the gap; the contact slides over the cone and over the geom, whose nearest point it is."""
-        place = self._place(data)
-        assert place is not None  # a pair with a proximity in contact has one
-        _, rho, seen, _ = self._seen(data, place)
         inward = near.normal if self._on_a else -near.normal
+        place = point + (self._contact.radius + 0.5 * near.gap) * inward
+        _, rho, seen, _ = self._seen(data, place)
         outward = (inward - seen.normal[0] * self._axis(data)) / seen.normal[1]
         cone, foot = self._cone.body.id, place - seen.distance * inward
         of_cone, of_foot, of_place, on_geom = (
@@ -320,7 +335,7 @@ class ConePair(ContactPair):
         """Radii of curvature of what carries the radius, along a direction, (3, 3), m: a point has none."""
         return np.zeros((3, 3))
 
-    def features_at(self, model: Any, data: Any) -> list[GapFunction]:
+    def features_at(self, model: Any, data: Any, near: Proximity) -> list[GapFunction]:  # noqa: ARG002
         """The contact feature at the state in ``data``; none where the point is out of the bounds of the surface.
 
         Raises:
@@ -379,34 +394,87 @@ class RoundConePair(ConePair):
         """See :class:`ConePair`; ``generators`` is shared by all pairs of the rim or ellipsoid."""
         super().__init__(*arguments)
         self._generators, self.slot = generators, slot
+        assert self._contact.squares is not None
+        self._squares = self._contact.squares.tolist()
 
     def gap(self, model: Any, data: Any, limit: float = FAR_M) -> float:  # noqa: ARG002
         """The same of all places of the rim or ellipsoid: one may go, and come where another is, nearer than it was.
 
         While persistent contact holds the other place, that is no place of this pair, and it may come where none is.
         """
-        if self._generators.is_held(1 - self.slot):
+        if self._generators.is_closed(1 - self.slot):
             place = self._place(data)
-            return min(limit, self._generators.least_elsewhere(data) if place is None else self._seen(data, place)[0])
+            if place is None:
+                return limit if self._is_level(data) else min(limit, self._generators.least_elsewhere(data))
+            return min(limit, self._seen(data, place)[0])
         return min([limit, *(self._seen(data, place)[0] for place in self._generators.places(data))])
 
     def hold(self, features: Sequence[Any]) -> None:
         """Note whether persistent contact holds this place."""
-        self._generators.hold(self.slot, held=bool(features))
+        self._generators.hold(self.slot, closed=bool(features))
 
     def _place(self, data: Any) -> FloatArray | None:
+        if self._is_level(data):
+            return self._on_rim(data, self._fixed(data)) if self.slot == 0 else None
         return self._generators.place(data, self.slot)
+
+    def _fixed(self, data: Any) -> FloatArray:
+        """A direction across the axis that is fixed to the cone."""
+        return np.asarray(data.xmat[self._cone.body.id].reshape(3, 3) @ self._cone.outward(0.0))
+
+    def _on_rim(self, data: Any, outward: FloatArray) -> FloatArray:
+        """The point of the rim in a direction from the axis of the cone, in the world, (3,), m."""
+        rotation, radius = data.geom_xmat[self._geom].reshape(3, 3), math.sqrt(self._squares[0])
+        across = outward - float(outward @ rotation[:, 2]) * rotation[:, 2]
+        place = data.geom_xpos[self._geom] + rotation @ self._contact.place
+        return np.asarray(place + radius / math.hypot(*across) * across)
+
+    def _is_level(self, data: Any) -> bool:
+        """Whether it is a rim that lies level in the cone: gaps all round it differ by less than contact."""
+        if self._contact.name != "rim":
+            return False
+        axis, rotation = self._axis(data), data.geom_xmat[self._geom].reshape(3, 3)
+        rim = math.copysign(1.0, float(rotation[:, 2] @ axis)) * rotation[:, 2]
+        tilt, radius = rim - float(rim @ axis) * axis, math.sqrt(self._squares[0])
+        if math.hypot(*tilt) > level_tilt(self._cone, radius):
+            return False
+        body = self._cone.body.id
+        apex = data.xpos[body] + data.xmat[body].reshape(3, 3) @ self._cone.apex
+        offset = data.geom_xpos[self._geom] + rotation @ self._contact.place - apex
+        # The distance varies round the axis with the offset of the centre, and with the height of the rim.
+        varies = self._cone.cosine * (offset - float(offset @ axis) * axis) + radius * self._cone.sine * tilt
+        return math.hypot(*varies) <= 0.25 * CONTACT_GAP_M
+
+    def _all_round(self, data: Any, place: FloatArray) -> tuple[Proximity, ...]:  # noqa: ARG002
+        """Proximities of four points of a level rim, that of the fastest approach first; refused for an ellipsoid."""
+        if self._contact.name != "rim":
+            raise self._refused(data)
+        first = self._fixed(data)
+        second = np.cross(self._axis(data), first)
+        east, north, west, south = (self._rim_point(data, way, "") for way in (first, second, -first, -second))
+        # Rates vary round the axis as its sine and cosine.
+        fastest = (west.rate - east.rate) * first + (south.rate - north.rate) * second
+        speed = math.hypot(*fastest)
+        if speed > 2.0 * east.rate_tolerance:
+            first = fastest / speed
+            second = np.cross(self._axis(data), first)
+        # Patches of their own: points of one patch share a normal.
+        return tuple(self._rim_point(data, way, str(k)) for k, way in enumerate((first, second, -first, -second)))
+
+    def _rim_point(self, data: Any, outward: FloatArray, patch: str) -> Proximity:
+        place = self._on_rim(data, outward)
+        gap, _, seen, way = self._seen(data, place)
+        return self._along(data, place, gap, self._inward(data, seen, way), patch)
 
     def recall(self, data: Any, point: FloatArray) -> None:
         """Take a logged contact point as its own: that pair of the two has it that had it in the run."""
         if point.shape == (3,) and np.isfinite(point).all():  # a log may be of unknown origin
             self._generators.recall(data, self.slot, point)
 
-    def _round(self, data: Any, place: FloatArray) -> list[FloatArray]:  # noqa: ARG002
-        raise self._refused(data)
-
     def _touches_round(self, model: Any, data: Any, rho: float) -> bool:
-        return self._margin(model, data, rho, _LEVEL) < 0.0 or super()._touches_round(model, data, rho)
+        if self._contact.name == "rim":
+            return self._is_level(data)
+        return self._margin(model, data, rho, _ALIKE) < 0.0 or super()._touches_round(model, data, rho)
 
     def _margin(self, model: Any, data: Any, rho: float, share: float) -> float:
         """See :func:`~ffsm_mj.contact.features.cone_gaps.curvature_margin`."""
@@ -418,13 +486,20 @@ class RoundConePair(ConePair):
         stiff = float(around @ self._curvature_radii(model, data, -inward) @ around)
         return curvature_margin(self._cone, rho, stiff, share)
 
-    def features_at(self, model: Any, data: Any) -> list[GapFunction]:
-        """The contact feature at the state in ``data``.
+    def features_at(self, model: Any, data: Any, near: Proximity) -> list[GapFunction]:
+        """The contact feature at the state in ``data``; of a level rim that at the point of a proximity.
 
         Raises:
             RunEnded: The rim or ellipsoid is curved nearly as the cone is: it would touch along more than a point.
         """
         place = self._place(data)
+        if place is not None and self._is_level(data):
+            core = round_core(model, data, self._geom, self._contact)
+            assert isinstance(core, Circle)
+            motion = core.body.motion(data)
+            x, y, z = (near.points[0] - motion.origin).tolist()
+            point = Point("rim", core.body, motion.local((x, y, z)), 0.0, _NO_CONE)
+            return _closed([LevelRimOnCone("level rim on cone", not self._on_a, self._cone, point, core)], data)
         if place is not None:
             gap, rho, _, _ = self._seen(data, place)
             if abs(gap) <= CONTACT_GAP_M and self._margin(model, data, rho, ALIKE) < -0.5 * FEATURE_BOUND_M:
@@ -432,9 +507,11 @@ class RoundConePair(ConePair):
                     f"{self} stay in contact at t = {data.time:.6g} s where the {self._contact.name} is curved as the cone"
                 )
                 raise RunEnded(Outcome.UNSUPPORTED_CONTACT, f"{message}: it touches along more than a point")
-        return super().features_at(model, data)
+        return super().features_at(model, data, near)
 
     def _curvature_radii(self, model: Any, data: Any, direction: FloatArray) -> FloatArray:
+        if self._is_level(data):
+            return np.zeros((3, 3))  # each point of the rim stays in contact by itself
         return Shape(model, data, self._geom).radii(direction)
 
     def _candidates(self, model: Any, data: Any, place: FloatArray) -> list[GapFunction]:  # noqa: ARG002

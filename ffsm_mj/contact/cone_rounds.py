@@ -66,7 +66,7 @@ class NearestGenerators(Stateful):
         """
         self._cone, self._geom, self._core = cone, geom, core
         self._angles = np.full(SLOTS, np.nan)
-        self._held: set[int] = set()
+        self._closed: set[int] = set()
         self._grid = 2.0 * np.pi * np.arange(_SAMPLES) / _SAMPLES
         outwards = np.array([cone.outward(angle) for angle in self._grid.tolist()])
         self._normals = cone.sine * np.array(cone.axis) - cone.cosine * outwards
@@ -91,13 +91,13 @@ class NearestGenerators(Stateful):
             holder = int(np.flatnonzero(self._angles == self._at(data)[int(np.argmin(places))][1])[0])
             self._angles[[slot, holder]] = self._angles[[holder, slot]]
 
-    def hold(self, slot: int, *, held: bool) -> None:
+    def hold(self, slot: int, *, closed: bool) -> None:
         """Note whether persistent contact holds one of the minima."""
-        (self._held.add if held else self._held.discard)(slot)
+        (self._closed.add if closed else self._closed.discard)(slot)
 
-    def is_held(self, slot: int) -> bool:
+    def is_closed(self, slot: int) -> bool:
         """Whether it does."""
-        return slot in self._held
+        return slot in self._closed
 
     def least_elsewhere(self, data: Any) -> float:
         """Half the least distance at the state in ``data`` from generators at which a second minimum may come, m.

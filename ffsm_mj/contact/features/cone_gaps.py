@@ -29,7 +29,7 @@ from typing import Any, Literal, NamedTuple
 from ffsm_mj.contact.features.body_motion import Body, BodyMotion, Vector, cross, dot, minus, scaled, shifted, unit
 from ffsm_mj.contact.features.cores import Circle, Ellipsoid, Point
 from ffsm_mj.contact.features.gap_function import FeatureState, GapFunction
-from ffsm_mj.tolerances import CONTACT_GAP_M, NEWTON_STEP
+from ffsm_mj.tolerances import CONTACT_GAP_M, NEWTON_STEP, OTHER_POINT_M
 
 ConePart = Literal["surface", "mouth", "throat"]
 """The surface itself, the rim of its mouth, or the rim at which a frustum begins."""
@@ -137,6 +137,32 @@ class PointOnCone(GapFunction):
         # cut short, as the gap from the other side is negative.
         inside = min(seen.inside, 2.0 * cone.cosine * rho - 4.0 * CONTACT_GAP_M)
         return self._state(seen.distance, dot(normal, w), normal, turning, (place, place), velocity, terms, inside)
+
+
+class LevelRimOnCone(PointOnCone):
+    """Gap of a point of a rim that lies level in a cone: several of its points are in contact as long as it stays level."""
+
+    def __init__(self, name: str, swapped: bool, cone: Cone, point: Point, rim: Circle) -> None:
+        """Store the cores; ``rim`` is that of the point."""
+        super().__init__(name, swapped, cone, point, "surface")
+        self._rim = rim
+
+    def at(self, data: Any) -> FeatureState:
+        """The gap of the point; its bound is the tilt at which points of the rim between those in contact touch."""
+        state, rim = super().at(data), self._rim
+        axis = self._cone.body.motion(data).turned(self._cone.axis)
+        tilt = math.hypot(*cross(axis, rim.body.motion(data).turned(rim.axis)))
+        left = rim.size * (level_tilt(self._cone, rim.size) - tilt)
+        return state._replace(inside=min(state.inside, left))
+
+
+def level_tilt(cone: Cone, radius: float) -> float:
+    """Greatest tilt of a rim in contact all round, rad.
+
+    Held at some points, a rim of radius r that tilts by t moves across by r t tan(alpha), and its distance from the cone
+    varies by r t^2 / (2 cos(alpha)).
+    """
+    return math.sqrt(2.0 * OTHER_POINT_M * cone.cosine / radius)
 
 
 class RoundOnCone(GapFunction):

@@ -21,7 +21,7 @@ import mujoco
 
 from ffsm_mj.contact.cone_pair import ConePair
 from ffsm_mj.contact.features.body_motion import Body, Vector, cross, dot, minus, shifted
-from ffsm_mj.contact.features.cone_gaps import Cone, PointOnCone, RoundOnCone
+from ffsm_mj.contact.features.cone_gaps import Cone, LevelRimOnCone, PointOnCone, RoundOnCone
 from ffsm_mj.contact.features.cores import Circle, Core, Curve, Ellipsoid, Face, Line, Point, RegionFace
 from ffsm_mj.contact.features.gap_function import Feature, FeatureState, GapFunction
 from ffsm_mj.contact.features.outline import CylinderOutline, EllipsoidOutline, Outline, PlaneOutline, PolytopeOutline
@@ -62,7 +62,7 @@ def features(pair: ContactPair, model: Any, data: Any, near: Proximity) -> tuple
         parallel edges.
     """
     if isinstance(pair, ConePair):
-        return tuple(pair.features_at(model, data))
+        return tuple(pair.features_at(model, data, near))
     if isinstance(near, UnionProximity):
         return _of_patch(near, model, data)
     return tuple(_search(pair, model, data, near).all())
@@ -370,7 +370,7 @@ def gap_function(a: Core, b: Core, sense: float) -> GapFunction | None:
 
 
 _GAPS = (PointOnFace, PointOnPoint, PointOnCurve, LineOnCurve, RimOnRim, SideOnRim, RimOnEllipsoid, PointOnCone, RoundOnCone)
-_KINDS = {kind.__name__: kind for kind in (*_GAPS, RoundOnFace, OnEllipsoid, EllipsoidOnEllipsoid)}
+_KINDS = {kind.__name__: kind for kind in (*_GAPS, LevelRimOnCone, RoundOnFace, OnEllipsoid, EllipsoidOnEllipsoid)}
 _CORES = {kind.__name__: kind for kind in (Point, Line, Face, RegionFace, Circle, Ellipsoid, Cone)}
 
 

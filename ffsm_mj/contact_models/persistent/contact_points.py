@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, NamedTuple, TypeAlias
 
-import numpy as np
-
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.features.body_motion import Vector, cross, dot, minus, shifted
 from ffsm_mj.contact.features.gap_function import Feature, FeatureState
