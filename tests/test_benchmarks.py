@@ -11,6 +11,7 @@ import pytest
 
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.assembly.run import simulate
+from ffsm_mj.controller_protocol import Command
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 NAMES = [path.stem for path in sorted(BENCHMARKS.glob("*.py"))]
@@ -186,3 +187,44 @@ def test_calibrated_restitutions(engine_runs):
 def test_the_page_of_the_engines_is_made_of_its_numbers(engine_runs):
     page, docs = engine_runs("page"), BENCHMARKS.parent / "docs"
     assert page.text(json.loads((docs / "engines.json").read_text())) == (docs / "engines.md").read_text()
+
+
+def test_contact_of_exudyn_is_on_the_faces_of_the_box(engine_runs):
+    """Normals point outwards, as Exudyn asks for, and spheres that stand for a pad touch its face from inside."""
+    exudyn, scene = engine_runs("with_exudyn"), engine_runs("scene")
+    half = np.array([0.1, 0.5, 0.2])
+    for number, face in enumerate(np.array(exudyn._faces(half))):
+        outwards = np.sign(np.cross(face[1] - face[0], face[2] - face[0]))
+        axis, sign = divmod(number, 2)
+        assert outwards.tolist() == [(1.0, -1.0)[sign] * (i == axis) for i in range(3)]
+        assert np.all(face @ outwards == half[axis])
+    pad = scene.grip().body("left")
+    reach = [np.abs(place) + radius for place, radius in exudyn._spheres(pad)]
+    assert len(reach) == 4
+    assert np.allclose(reach, pad.half_m, rtol=0.0, atol=1e-17)
+
+
+def test_a_touch_begins_the_safety_pause_of_a_soft_run(benchmark):
+    """The motors are on before it and off after it, as in the exact run."""
+    soft = benchmark("soft_contact")
+    (hit,) = prepare("baseline", {"duration_s": 7.8}).run().impacts
+    run = soft.SoftRun(soft.RECIPES[0], 1e-3, hit)
+    command = Command.off(int(run.model.nu))
+    run.decide(0.0, command)
+    assert np.any(run.data.ctrl[3:] != 0.0)
+    run.decide(1e-3, command, touched=True)
+    assert not np.any(run.data.ctrl)
+
+
+def test_speculative_contact_acts_one_step_earlier_with_the_same_speeds(benchmark):
+    """A damper 2 / h - 1 leaves 1 - h of the reversal: the effective mass of 2/3 kg has (1 - h)(-1) - 1 = -(2 - h) m/s.
+
+    Rounding of speeds of 1 m/s over some 20 steps.
+    """
+    soft = benchmark("soft_contact")
+    step = 2e-2
+    off, on = (soft.head_on(step, speculative=flag) for flag in (False, True))
+    assert off.contact_s - on.contact_s == pytest.approx(step)
+    assert off.distance_m < on.distance_m == pytest.approx(-1e-3, abs=1e-12)
+    for hit in (off, on):
+        assert hit.sphere_m_s == pytest.approx(1.0 - 2.0 / 3.0 * (2.0 - step), abs=1e-12)

@@ -20,7 +20,7 @@ from ffsm_mj.report.plots.style import (
     write,
 )
 
-GREY, BROWN = "#8C8C8C", "#8B5A2B"
+GREY, BROWN, OLIVE = "#8C8C8C", "#8B5A2B", "#9A9A00"
 COLOURS = {
     "ffsm-mj": BLUE,
     "MuJoCo": VERMILION,
@@ -29,6 +29,7 @@ COLOURS = {
     "Bullet": PURPLE,
     "ODE": BLACK,
     "Siconos": BROWN,
+    "Exudyn": OLIVE,
     "Pinocchio": SKY,
     "Basilisk": GREY,
 }

@@ -122,7 +122,7 @@ def restitution(rows: list[Row]) -> str:
 
 def takes_restitution(setting: Setting) -> bool:
     """Whether e is a number of the model."""
-    return setting[0] in ("ffsm-mj", "Bullet", "Newton", "ODE", "Pinocchio", "Siconos")
+    return setting[0] in ("ffsm-mj", "Bullet", "Exudyn", "Newton", "ODE", "Pinocchio", "Siconos")
 
 
 def better(rows: list[Row]) -> str:

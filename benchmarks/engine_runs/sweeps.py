@@ -13,6 +13,7 @@ from engine_runs import (
     with_basilisk,
     with_bullet,
     with_drake,
+    with_exudyn,
     with_ffsm,
     with_mujoco,
     with_newton,
@@ -233,6 +234,28 @@ def siconos() -> Iterator[Job]:
             yield Job("Siconos", "Moreau-Jean, Newton impact law", collision(e), _ms(h), run)
 
 
+def exudyn() -> Iterator[Job]:
+    """Exudyn; of contacts that last 22 steps of explicit ones, and of the stiffest that its error control still meets."""
+
+    def job(setting: str, scene: Scene, value: str, recipe: with_exudyn.Recipe, h: float) -> Job:
+        return Job("Exudyn", setting, scene, value, lambda: with_exudyn.run(scene, recipe, h))
+
+    recipe, lie = with_exudyn.Recipe, "RotationRotationVector"
+    for e in (1.0, 0.5):
+        for k in (1e6, 1e7, 1e8):
+            adaptive = recipe("DOPRI5", lie, stiffness_N_m=k)
+            yield job("restitution, DOPRI5 with error control", collision(e), f"{k:.0e} N/m", adaptive, 0.1)
+        for h in (0.001, 0.0001, 0.00001):
+            fixed = recipe("RK44", lie, stiffness_N_m=0.01 / h**2)
+            yield job("restitution, RK44", collision(e), _ms(h), fixed, h)
+    for zone in (1e-3, 1e-4, 1e-5, 1e-6):
+        value = f"proportional below {zone:g} m/s"
+        yield job("spheres for pads, trapezoidal rule", grip(), value, recipe(zone_m_s=zone), 0.01)
+    for h in (0.05, 0.02, 0.01, 0.004, 0.001):
+        yield job("joints as constraints, trapezoidal rule", free_flight(), _ms(h), recipe(), h)
+        yield job("rigid joint, trapezoidal rule", weld(), _ms(h), recipe(), h)
+
+
 def of_distribution(name: str) -> Callable[[], str | None]:
     """What tells the version of a distribution; None: not installed."""
 
@@ -253,6 +276,7 @@ ENGINES: dict[str, tuple[Callable[[], str | None], Callable[[], Iterator[Job]]]]
     "Bullet": (of_distribution("pybullet"), bullet),
     "ODE": (of_distribution("Py3ODE"), ode),
     "Siconos": (with_siconos.version, siconos),
+    "Exudyn": (of_distribution("exudyn"), exudyn),
     "Pinocchio": (of_distribution("pin"), pinocchio),
     "Basilisk": (of_distribution("bsk"), basilisk),
 }

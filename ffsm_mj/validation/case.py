@@ -35,6 +35,7 @@ class Topic(StrEnum):
     SEED_PAPER = "Seed paper"
     FREE_MOTION = "Free motion"
     IMPACTS = "Impacts"
+    INTEGRATION = "What impacts ask of a time integrator"
     SEVERAL_CONTACTS = "Several contacts at one instant"
     FRICTION = "Sliding, rolling and sticking"
     GRIPS = "Grips by friction"

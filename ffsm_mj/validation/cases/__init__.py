@@ -10,12 +10,13 @@ from ffsm_mj.validation.cases import (
     grasps,
     grips,
     impacts,
+    integrators,
     seed_paper,
     simbenchmark,
     walkers,
 )
 
-_SOURCES = (seed_paper, free_motion, impacts, detumbling, walkers, friction, simbenchmark, grips, grasps)
+_SOURCES = (seed_paper, free_motion, impacts, integrators, detumbling, walkers, friction, simbenchmark, grips, grasps)
 _ALL: tuple[ValidationCase, ...] = tuple(case for source in _SOURCES for case in source.CASES)
 
 CASES: tuple[ValidationCase, ...] = tuple(case for topic in Topic for case in _ALL if case.topic is topic)
