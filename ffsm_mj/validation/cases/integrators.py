@@ -166,7 +166,7 @@ def _swings() -> Values:
 
 
 _PHASE = "RK4 at 1 ms: t (h omega)^4 / 120"
-_LOSS = "RK4 at 1 ms: t / h of (h omega)^6 / 72 of the amplitude"
+_LOSS = "RK4 at 1 ms: t / h times (h omega)^6 / 72 of the energy"
 
 _STRUCK_NUMBERS = (
     Number("elastic_s", "e = 1: tenth impact, s", text_of(_IMPACTS * _away_s(_WALL_M, _SPEED_M_S)), 1e-10, _PHASE),
