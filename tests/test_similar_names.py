@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from ffsm_mj.errors import unknown_name
 from ffsm_mj.similar_names import did_you_mean, similar_file, similar_name
 
 
@@ -34,3 +35,15 @@ def test_the_meant_file(tmp_path):
     assert similar_file(tmp_path / "mine.yml") == f" (did you mean {str(tmp_path / 'mine.yaml')!r}?)"
     assert similar_file(tmp_path / "other.yaml") == ""  # the suffix alone is not similar
     assert similar_file(tmp_path / "nowhere" / "mine.yaml") == ""
+
+
+def test_of_many_names_a_message_shows_the_most_similar():
+    """All of 40, in the order of the alphabet; of 41 ten, the one that was meant first."""
+    names = [f"state.q_joint_{i}_rad" for i in range(40)]
+    assert unknown_name("signal", "q_joint_7_rd", names).partition("; allowed: ")[2].count("state.q_joint") == 40
+    text = unknown_name("signal", "q_joint_7_rd", [*names, "energy.total_J"])
+    listed = text.partition("; allowed: ")[2]
+    assert listed.startswith("state.q_joint_7_rad, ")
+    assert listed.endswith(" and 31 more")
+    assert listed.count(",") == 9
+    assert "energy" not in text
