@@ -42,10 +42,16 @@ _STEPS = 20
 """Steps of the least squares of a flight: a flight takes four; what takes more is none, and is refused by its residual."""
 _SLOPES = 2
 """Derivatives that are computed in these: a flight is nearly linear in its state, and near the end they hardly change."""
-_FLOOR = 1e-9
-"""Least noise of a coordinate or velocity, SI: recordings of simulations have none."""
+_FLOOR = 1e-7
+"""Least noise of a coordinate or velocity, SI: recordings of simulations have none but the errors of RK4."""
+_QUANTILE, _OF_NORMAL = 0.25, 0.3186
+"""Quantile that says what is usual, and that of the size of a normal variable of standard deviation 1: of tosses up to three
+quarters of the samples are in contact."""
 _MEDIAN = 0.6745
-"""Median of the size of a normal variable of standard deviation 1."""
+"""The same of the median, for velocities: what a mirrored frame does to them in flight must not look like impacts."""
+_MOST_MISFIT = 4.0
+"""Most that the residuals of good flights may be of the noise of differences: 3 of motion capture that is smoothed. What
+slides or rolls has 13 and more there."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +67,14 @@ class FreeMotion:
     time_s: float
     qpos: FloatArray
     qvel: FloatArray
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """A fitted flight: its state at the first sample, and the root mean square of its residuals in units of the noise."""
+
+    motion: FreeMotion
+    misfit: float
 
 
 @dataclass(frozen=True)
@@ -117,8 +131,14 @@ class JumpSearch:
         if all(run.qvel is not None for run in runs):
             return Jumps(tuple(self._between_rows()), self._left_out, np.zeros(0))
         noise = self._noise()
-        impacts = tuple(jump for run in runs for jump in self._between_flights(run, noise))
-        return Jumps(impacts, self._left_out, noise)
+        fitted = [self._fits(run, noise) for run in runs]
+        misfits = [one.misfit for _, fits in fitted for one in fits if one is not None]
+        # Calibration and smoothing leave more than differences of samples show: what good flights leave is the noise.
+        level = min(max(1.0, float(np.quantile(misfits, _QUANTILE))), _MOST_MISFIT) if misfits else 1.0
+        scale = level * noise[self._recordings.dofs]
+        every = zip(runs, fitted, strict=True)
+        impacts = tuple(jump for run, (ends, fits) in every for jump in self._between(run, ends, fits, level, scale))
+        return Jumps(impacts, self._left_out, level * noise)
 
     def _leave_out(self, reason: str) -> None:
         self._left_out[reason] += 1
@@ -187,31 +207,40 @@ class JumpSearch:
                 rates *= (np.median(np.diff(run.times)) / np.diff(run.times))[:, None]
                 thirds.append(np.diff(rates, n=2, axis=0))
         every = np.concatenate(thirds)
-        # The variance of a third difference is 1 + 9 + 9 + 1 of that of a sample; impacts are few, and do not move a median.
-        sigma = np.median(np.abs(every), axis=0) / _MEDIAN / np.sqrt(20.0) if len(every) else np.zeros(len(dofs))
+        # The variance of a third difference is 1 + 9 + 9 + 1 of that of a sample; impacts do not move a low quantile.
+        sigma = (
+            np.quantile(np.abs(every), _QUANTILE, axis=0) / _OF_NORMAL / np.sqrt(20.0) if len(every) else np.zeros(len(dofs))
+        )
         noise = np.zeros(self._model.nv)
         noise[dofs] = np.maximum(sigma, _FLOOR)
         return noise
 
-    def _between_flights(self, run: Recording, noise: FloatArray) -> Iterator[Jump]:
-        """Impacts between fitted flights of a run."""
+    def _fits(self, run: Recording, noise: FloatArray) -> tuple[list[int], list[_Fit | None]]:
+        """Samples after which the impacts of a run happen, from -1 to its last one, and the flights between these."""
         ends = [-1, *self._detected(run, noise), len(run) - 1]
         spans = [
             np.arange(first + 1 + (_SKIPPED if first >= 0 else 0), last + 1 - (_SKIPPED if last < len(run) - 1 else 0))
             for first, last in pairwise(ends)
         ]
+        return ends, [self._fitted(run, span, noise) if len(span) >= LEAST_SAMPLES else None for span in spans]
+
+    def _between(
+        self, run: Recording, ends: Sequence[int], fits: Sequence[_Fit | None], level: float, scale: FloatArray
+    ) -> Iterator[Jump]:
+        """Impacts between fitted flights of a run, whose misfits have a usual level; with a scale of the coordinates."""
         reach = (1 + _SKIPPED) * float(np.median(np.diff(run.times)))
-        fits = [self._fitted(run, span, noise) for span in spans]
-        for k, (one, other) in enumerate(pairwise(fits)):
-            if isinstance(one, str) or isinstance(other, str):
-                self._leave_out(one if isinstance(one, str) else str(other))
-                continue
-            at = 0.5 * float(run.times[ends[k + 1]] + run.times[ends[k + 1] + 1])
-            jump = self._meeting(run.place, one, other, (at - reach, at + reach), noise[self._recordings.dofs])
-            if jump.apart > _APART:
-                self._leave_out("the flights before and after do not meet")
+        for end, (one, other) in zip(ends[1:], pairwise(fits), strict=False):
+            if one is None or other is None:
+                self._leave_out(f"a flight has fewer than {LEAST_SAMPLES} samples")
+            elif max(one.misfit, other.misfit) > _NOT_FREE * level:
+                self._leave_out("no free flight before or after, but a body that slides, rolls or is held")
             else:
-                yield jump
+                at = 0.5 * float(run.times[end] + run.times[end + 1])
+                jump = self._meeting(run.place, one.motion, other.motion, (at - reach, at + reach), scale)
+                if jump.apart <= _APART:
+                    yield jump
+                else:
+                    self._leave_out("the flights before and after do not meet")
 
     def _detected(self, run: Recording, noise: FloatArray) -> list[int]:
         """Samples after which an impact happens: where the velocity jumps by more than its noise."""
@@ -222,8 +251,8 @@ class JumpSearch:
         t = run.times
         jumps = np.array([self._jump(run, k) for k in places])
         expected = 2.0 * noise[dofs] / (w * float(np.median(np.diff(t))))
-        # Beside the noise, curvature of the rotation over the windows; impacts are few, and do not move a median.
-        scale = np.maximum(expected, np.median(np.abs(jumps), axis=0) / _MEDIAN)
+        # Beside the noise, curvature of the rotation over the windows; impacts do not move a low quantile.
+        scale = np.maximum(expected, np.quantile(np.abs(jumps), _QUANTILE, axis=0) / _OF_NORMAL)
         strength = np.abs(jumps / scale).max(axis=1)
         peaks = []
         for k, height in enumerate(strength.tolist()):
@@ -231,7 +260,7 @@ class JumpSearch:
             if height > _JUMP and height == around.max():
                 peaks.append(places[k])
         # Fast rotation bends flights within the windows more than elsewhere: one flight through both sides is no impact.
-        return [k for k in peaks if isinstance(self._fitted(run, self._around(run, k), noise), str)]
+        return [k for k in peaks if self._fitted(run, self._around(run, k), noise).misfit > _NOT_FREE]
 
     @staticmethod
     def _around(run: Recording, k: int) -> IntArray:
@@ -249,10 +278,8 @@ class JumpSearch:
         span = 0.5 * (t[k + 1 + w] + t[k + 1] - t[k] - t[k - w])
         return np.asarray((right - left - span * data.qacc)[dofs])
 
-    def _fitted(self, run: Recording, span: IntArray, noise: FloatArray) -> FreeMotion | str:
-        """The flight of some samples, at the first of them; or why there is none."""
-        if len(span) < LEAST_SAMPLES:
-            return f"a flight has fewer than {LEAST_SAMPLES} samples"
+    def _fitted(self, run: Recording, span: IntArray, noise: FloatArray) -> _Fit:
+        """The flight of some samples, at least as many as a flight has."""
         from scipy.optimize import least_squares
 
         dofs = self._recordings.dofs
@@ -279,9 +306,7 @@ class JumpSearch:
 
         solved = least_squares(residuals, guess, jacobian, method="lm", xtol=1e-10, ftol=1e-10, max_nfev=_STEPS)
         spare = len(solved.fun) - len(guess)
-        if float(np.sqrt(solved.fun @ solved.fun / spare)) > _NOT_FREE:
-            return "no free flight before or after, but a body that slides, rolls or is held"
-        return start(solved.x)
+        return _Fit(start(solved.x), float(np.sqrt(solved.fun @ solved.fun / spare)))
 
     def _propagated(self, start: FreeMotion, times: Sequence[float]) -> list[FreeMotion]:
         """States of a flight at some instants, one after the other from its start, onward or back."""

@@ -61,7 +61,7 @@ def test_the_edge_of_a_box_is_solved_as_in_a_run(tmp_path):
     assert (one.law.e.value, one.law.mu.value) == pytest.approx((E, MU), abs=1e-7)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_tosses_of_a_cube_in_space(tmp_path):
     """Corners on a slab under gravity: poses with noise give the coefficients within the intervals, to one part in 50."""
     path = cube_scene(tmp_path)
