@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import copy
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -71,10 +71,19 @@ class FreeMotion:
 
 @dataclass(frozen=True)
 class _Fit:
-    """A fitted flight: its state at the first sample, and the root mean square of its residuals in units of the noise."""
+    """A fitted flight.
+
+    Attributes:
+        motion: Its state at the first sample.
+        misfit: Root mean square of its residuals, in units of the noise.
+        fall: What the residuals say of gravity, as a share of that of the model, times its weight; 0 without gravity.
+        weight: Inverse variance of that share, for residuals of the size of the noise.
+    """
 
     motion: FreeMotion
     misfit: float
+    fall: float
+    weight: float
 
 
 @dataclass(frozen=True)
@@ -106,11 +115,13 @@ class Jumps:
         impacts: The impacts.
         left_out: Why others are not used, with their number.
         noise: Standard deviation of the coordinates, as found in the recordings, (nv,), m and rad; empty for velocities.
+        fall: Acceleration of free fall in the flights over that of the model; None without gravity, and for velocities.
     """
 
     impacts: tuple[Jump, ...]
     left_out: Counter[str]
     noise: FloatArray
+    fall: float | None = None
 
 
 class JumpSearch:
@@ -138,7 +149,10 @@ class JumpSearch:
         scale = level * noise[self._recordings.dofs]
         every = zip(runs, fitted, strict=True)
         impacts = tuple(jump for run, (ends, fits) in every for jump in self._between(run, ends, fits, level, scale))
-        return Jumps(impacts, self._left_out, level * noise)
+        falls = [one for _, fits in fitted for one in fits if one is not None and one.misfit <= 2.0 * _NOT_FREE * level]
+        weight = sum(one.weight for one in falls)
+        fall = 1.0 + sum(one.fall for one in falls) / weight if weight > 0.0 else None
+        return Jumps(impacts, self._left_out, level * noise, fall)
 
     def _leave_out(self, reason: str) -> None:
         self._left_out[reason] += 1
@@ -306,7 +320,20 @@ class JumpSearch:
 
         solved = least_squares(residuals, guess, jacobian, method="lm", xtol=1e-10, ftol=1e-10, max_nfev=_STEPS)
         spare = len(solved.fun) - len(guess)
-        return _Fit(start(solved.x), float(np.sqrt(solved.fun @ solved.fun / spare)))
+        fall, weight = self._fall(lambda: residuals(solved.x), solved.fun, slopes[-1])
+        return _Fit(start(solved.x), float(np.sqrt(solved.fun @ solved.fun / spare)), fall, weight)
+
+    def _fall(self, residuals: Callable[[], FloatArray], at: FloatArray, slopes: FloatArray) -> tuple[float, float]:
+        """What residuals say of the size of gravity beside the state of a flight: the share times its weight, and that."""
+        gravity = np.array(self._model.opt.gravity)
+        if not gravity.any():
+            return 0.0, 0.0
+        self._model.opt.gravity = gravity * (1.0 + _DIFFERENCE)
+        slope = (residuals() - at) / _DIFFERENCE
+        self._model.opt.gravity = gravity
+        # Frisch and Waugh: the part of the slope that no change of the state has.
+        slope = slope - slopes @ np.linalg.lstsq(slopes, slope)[0]
+        return -float(slope @ at), float(slope @ slope)
 
     def _propagated(self, start: FreeMotion, times: Sequence[float]) -> list[FreeMotion]:
         """States of a flight at some instants, one after the other from its start, onward or back."""

@@ -24,6 +24,8 @@ from ffsm_mj.report.terminal import table
 NAME = "fit"
 _DOUBTFUL = 0.5
 """R^2 of the moment balance below which half of the changes of angular momentum are from something else."""
+_FALL = 0.01
+"""Difference of free fall from gravity from which on a scale is wrong: air takes less from what is tossed indoors."""
 _COLUMNS = {
     "rule": ("", "contact rule"),
     "recording": ("", "file, and run of it"),
@@ -51,6 +53,9 @@ def lines(fits: Fits) -> Iterator[str]:
     """Noise, results of each rule, the test of the frame, and what was left out."""
     if fits.noise:
         yield "noise of the recording: " + ", ".join(f"{name} {value:.2g}" for name, value in fits.noise.items())
+    if fits.fall is not None:
+        doubt = "; lengths or times of the recording are not those of the scenario" if abs(fits.fall - 1.0) > _FALL else ""
+        yield f"free fall in the flights: {fits.fall:.4f} times the gravity of the scenario{doubt}"
     head = ("rule", "impacts", "sliding", "e", "95 %", "mu", "95 %", "median\nerror", "least\nerror")
     yield table(head, map(_row, fits.rules))
     yield f"law {fits.law}; errors of velocities in the norm of the kinetic energy, relative to those before"
@@ -150,6 +155,7 @@ def data(fits: Fits) -> dict[str, Any]:
     return {
         "law": fits.law,
         "noise": dict(fits.noise),
+        "free_fall_ratio": fits.fall,
         "left_out": dict(fits.left_out),
         "rules": {one.of.rule.name: _data(one) for one in fits.rules},
     }

@@ -254,7 +254,13 @@ class _Columns:
             rows = np.array([i for i, one in enumerate(labels) if one == label]) if labels else np.arange(len(table))
             self._refuse_backward(times, rows)
             place = f"{table.place}, {column} {label}" if labels else table.place
-            yield Recording(place, times[rows], qpos[rows], None if qvel is None else qvel[rows])
+            yield Recording(place, times[rows], self._unwrapped(qpos[rows]), None if qvel is None else qvel[rows])
+
+    def _unwrapped(self, qpos: FloatArray) -> FloatArray:
+        """Coordinates of a run whose angles pass half a turn without a jump: trackers give them within a turn."""
+        hinges = [joint.qpos.start for tree in self.trees for joint in tree.joints if joint.kind == "hinge"]
+        qpos[:, hinges] = np.unwrap(qpos[:, hinges], axis=0)
+        return qpos
 
     def _times(self) -> FloatArray:
         """Times of all rows, s.

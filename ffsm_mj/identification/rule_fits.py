@@ -86,12 +86,14 @@ class Fits:
         law: Name of the impact law.
         left_out: Why impacts are not used, with their number.
         noise: Standard deviation of the recorded coordinates, with their names; empty for velocities.
+        fall: Acceleration of free fall in the flights over that of the scenario; None without gravity, and for velocities.
     """
 
     rules: tuple[RuleFit, ...]
     law: str
     left_out: Mapping[str, int]
     noise: Mapping[str, float]
+    fall: float | None
 
 
 def fit_recordings(
@@ -138,7 +140,7 @@ def fit_recordings(
         raise InputError(_too_few(paths, fits, left_out))
     names = [name for tree in recordings.trees for name in _names(tree.joints)]
     noise = dict(zip(names, jumps.noise[recordings.dofs].tolist(), strict=True)) if len(jumps.noise) else {}
-    return Fits(tuple(fits), prepared.scenario.impact.law, left_out, noise)
+    return Fits(tuple(fits), prepared.scenario.impact.law, left_out, noise, jumps.fall)
 
 
 def _refuse_other_motion(prepared: PreparedRun) -> None:
