@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ffsm_mj.contact.broad_phase import BroadPhase
-from ffsm_mj.contact.cone_pair import cone_fault, cone_pairs
+from ffsm_mj.contact.cone_pair import ConePair, cone_fault, cone_pairs
 from ffsm_mj.contact.motion_bound import speeds_per_root_energy
 from ffsm_mj.contact.pairs import ContactPair, shape_fault
 from ffsm_mj.contact.sides import Sides
@@ -468,4 +468,6 @@ def overlapping(system: System, data: Any, contacts: Contacts) -> Iterator[tuple
             deepest[pair.geom_ids] = gap, pair
     for gap, pair in deepest.values():
         message = f"{pair.geom_a} and {pair.geom_b} overlap by {-gap:.6g} m at the start"
+        if isinstance(pair, ConePair):
+            message += " (a cone is seen from inside; its outside is made of geoms of its body)"
         yield pair, f"{message}; move one of them, or list them in contacts.ignored"

@@ -6,7 +6,7 @@ that is smooth. Several of them touch at once with different normals, as several
 ellipsoid have a pair for each of two local minima of the distance.
 
 The surface is seen from inside. A point that has passed it by more than a tenth of the radius of the mouth is behind it,
-where nothing touches: the outside of a funnel is that of the geoms of its body.
+where nothing touches: the outside of a funnel is that of the geoms of its body. What comes through from behind ends the run.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from ffsm_mj.contact.shape import Shape
 from ffsm_mj.model.cones import ConeConfig
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Outcome, RunEnded
-from ffsm_mj.tolerances import CONTACT_GAP_M, EPSILON, FEATURE_BOUND_M
+from ffsm_mj.tolerances import CLEARLY_APART_M, CONTACT_GAP_M, EPSILON, FEATURE_BOUND_M
 
 _BEHIND = 0.1
 """Depth in radii of the mouth from which on a point is behind the surface; steps are followed by half of it at a time."""
@@ -286,6 +286,18 @@ class ConePair(ContactPair):
     def _inward(self, data: Any, seen: Meridian, outward: FloatArray) -> FloatArray:
         """Normal to the inside, world axes, (3,)."""
         return np.asarray(seen.normal[0] * self._axis(data) + seen.normal[1] * outward)
+
+    def refuse_passage(self, first: Proximity, last: Proximity) -> None:
+        """End the run if the point comes through the surface from behind between two instants.
+
+        Raises:
+            RunEnded: It does.
+        """
+        # From inside it never gets this deep. What leaves over the mouth sees its rim, in another direction.
+        behind = first.gap < -CLEARLY_APART_M <= last.gap
+        if behind and last.rate > 0.0 and float(first.normal @ last.normal) > 0.0:
+            message = f"{self}: a {self._contact.name} comes through the surface of the cone from behind, where it is open"
+            raise RunEnded(Outcome.UNSUPPORTED_CONTACT, f"{message}: make its outside of geoms of its body")
 
     def _axis(self, data: Any) -> FloatArray:
         return np.asarray(data.xmat[self._cone.body.id].reshape(3, 3) @ self._cone.axis)

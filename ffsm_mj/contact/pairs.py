@@ -238,6 +238,9 @@ class ContactPair(Stateful):
         """What event location follows of it, given how near it may have come in m: all of it."""
         return (self,)
 
+    def refuse_passage(self, first: Proximity, last: Proximity) -> None:
+        """End the run if it passes between two instants in a way that no contact model covers; geoms never do."""
+
     def joined_pairs(self) -> Sequence[ContactPair]:
         """What contact points watch of it while persistent contact holds it: all of it."""
         return (self,)

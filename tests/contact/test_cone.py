@@ -377,6 +377,27 @@ def test_a_sphere_rolls_round_the_rim_of_the_mouth(tmp_path):
     assert 0.5 * np.linalg.norm(run.qvel[after, :3] - down * back) ** 2 == pytest.approx(left, abs=1e-7)
 
 
+@pytest.mark.parametrize("shape", ["sphere", "box"])
+def test_a_body_from_behind_ends_the_run(tmp_path, shape):
+    """It passes the surface where that is open: from behind there is nothing, and an overlap would say nothing of it."""
+    size = {"sphere": "0.05", "box": "0.05 0.05 0.05"}[shape]
+    robot = ball("ball").replace('type="sphere" size="0.1"', f'type="{shape}" size="{size}"')
+    start = {"joints": {"robot/free": [1.2, 0, 1.0, 1, 0, 0, 0]}, "rates": {"robot/free": [-1.0, 0, 0, 0, 0, 0]}}
+    run = ffsm_mj.run(in_funnel(tmp_path, robot, initial=start))
+    assert run.outcome == "unsupported_contact"
+    assert "comes through the surface of the cone from behind" in run.message
+    # A sphere where all of it is inside, a box where its first corner is; the last row is that of the tick before.
+    slope = SINE / COSINE
+    x_m = slope - 0.05 / COSINE if shape == "sphere" else 0.05 + math.sqrt((1.05 * slope) ** 2 - 0.05**2)
+    assert 0.0 <= 1.2 - x_m - run.time[-1] <= 0.012
+
+
+def test_a_body_behind_a_cone_is_refused_at_the_start(tmp_path):
+    start = {"joints": {"robot/free": [SINE / COSINE - 0.03, 0, 1.0, 1, 0, 0, 0]}}
+    with pytest.raises(InputError, match="a cone is seen from inside; its outside is made of geoms of its body"):
+        ffsm_mj.run(in_funnel(tmp_path, ball("ball"), initial=start))
+
+
 def test_in_over_the_mouth(tmp_path):
     """From outside, past the rim, to the surface: the first contact is exact, whatever the step."""
     start = {"joints": {"robot/free": [0.2, 0, 3.0, 1, 0, 0, 0]}, "rates": {"robot/free": [0.5, 0, -1.0, 0, 0, 0]}}

@@ -553,6 +553,8 @@ class Detector(EventSource, Replayable):
             return pair.is_pressed(model, data, at(time))
 
         touch = first_touch(at, start, end, pressed)
+        if touch is None and not pair.is_limit:
+            pair.refuse_passage(at(start), at(end))
         # Two pieces that touch where other pieces cover them, or go on with a contact that is held, begin nothing.
         if touch is not None and not pair.is_limit and any(map(self._holds, pair.together)) and not at(touch).approaches:
             return None
