@@ -14,6 +14,7 @@ from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.notes import contact_notes, describe, initial_scene
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.cli.main import main
+from ffsm_mj.contact_models.impact.time_of_impact import Detector
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.drawing import shapes
 from ffsm_mj.replay import replay_log
@@ -290,6 +291,22 @@ def test_a_rim_that_is_not_quite_level_bounces_on_its_sides(tmp_path):
     assert_passes(run)
     assert len(run.impacts) > 1
     assert {impact.event for impact in run.impacts} == set(range(len(run.impacts)))
+
+
+def test_a_rim_in_contact_is_not_located_at_every_step(tmp_path, monkeypatch):
+    """Its other place is where a second minimum of the distance may come, far from the cone: a few of 1000 steps near it."""
+    located, first_event = [], Detector.first_event
+    monkeypatch.setattr(Detector, "first_event", lambda *arguments: located.append(1) or first_event(*arguments))
+    tilt = math.radians(40.0)
+    start = {
+        "joints": {"robot/free": [0.3, 0, 1.3, math.cos(tilt / 2), 0, math.sin(tilt / 2), 0]},
+        "rates": {"robot/free": [-0.2, 0.3, -0.9, 1.0, -0.5, 0.7]},
+    }
+    run = ffsm_mj.run(in_funnel(tmp_path, pin(0.15), mu=0.1, initial=start, time_step_s=1e-3))
+    assert_passes(run)
+    in_contact = run["contact.robot_funnel_points"] > 0
+    assert 1e3 * in_contact.mean() > 300
+    assert len(located) < 60
 
 
 def test_a_disc_spins_down_in_a_cone(tmp_path):
