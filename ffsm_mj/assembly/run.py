@@ -103,8 +103,8 @@ class Recording:
         if live is not None:
             sinks.append(LiveSink(live, system, config.log.view_rate_hz))
         self._stack, self._paced = ExitStack(), assembly.clock is not None
-        if self._paced:
-            sinks = [BackgroundSink(sinks)]
+        if assembly.clock is not None:
+            sinks = [BackgroundSink(sinks, assembly.clock.idle)]
         lines = BACKGROUND_ROWS if self._paced else RECORDED_ROWS
         block = np.zeros((lines, len(layout.signals)))
         rows = RowWriter(assembly.row, assembly.plant.state.sampler, block)

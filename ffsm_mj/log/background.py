@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from queue import SimpleQueue
+from threading import Event as Flag
 from threading import Thread
 
 import numpy as np
@@ -15,14 +16,16 @@ from ffsm_mj.records.run_log import RunHeader
 
 BACKGROUND_ROWS = 20
 """Rows of a block: what is computed of a whole block takes a part of a control period."""
+_LONGEST_WAIT_S = 0.05
+"""Longest time for which a task waits for a run that is not idle, s: one that falls behind still has a log."""
 
 
 class BackgroundSink(Sink):
     """Passes everything on to other sinks in a thread, in order. What fails there is raised at the next call."""
 
-    def __init__(self, sinks: Sequence[Sink]) -> None:
-        """Bind to the sinks; they are opened in the caller's thread."""
-        self._sinks = tuple(sinks)
+    def __init__(self, sinks: Sequence[Sink], idle: Flag) -> None:
+        """Bind to the sinks, which are opened in the caller's thread; ``idle`` is set while the run waits."""
+        self._sinks, self._idle = tuple(sinks), idle
         self._tasks: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
         self._blocks: list[FloatArray] = []
         self._failure: Exception | None = None
@@ -37,6 +40,7 @@ class BackgroundSink(Sink):
 
     def _work(self) -> None:
         while (task := self._tasks.get()) is not None:
+            self._idle.wait(_LONGEST_WAIT_S)
             try:
                 if self._failure is None:
                     task()

@@ -13,6 +13,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from threading import Event
 
 import numpy as np
 
@@ -61,6 +62,7 @@ class WallClock:
 
     Attributes:
         columns: What it measures, by tick.
+        idle: Set while a tick waits.
     """
 
     def __init__(self, factor: float, most_late_s: float | None, period_s: float) -> None:
@@ -76,6 +78,7 @@ class WallClock:
         self._values = np.zeros(len(_SIGNALS))
         self.columns = Columns(tuple(Signal("clock", *signal) for signal in _SIGNALS), live=self._values)
         self._zero_s, self._began_s = math.nan, math.nan
+        self.idle = Event()
 
     def begin(self, time_s: float) -> None:
         """Begin at a simulation time: now, which is also where the next tick begins."""
@@ -92,9 +95,11 @@ class WallClock:
         due_s, now_s = self._zero_s + time_s * self._rate, time.perf_counter()
         self._values[2] = busy_s = now_s - self._began_s
         self._values[3] += busy_s > self._most_busy_s
+        self.idle.set()
         while (left_s := due_s - time.perf_counter()) > _ASLEEP_S:
             time.sleep(min(left_s - _ASLEEP_S, _LONGEST_SLEEP_S))
             poll()
+        self.idle.clear()
         while time.perf_counter() < due_s:  # a sleep ends late, a loop does not
             pass
         self._began_s = time.perf_counter()
