@@ -254,6 +254,9 @@ def exudyn() -> Iterator[Job]:
     for h in (0.05, 0.02, 0.01, 0.004, 0.001):
         yield job("joints as constraints, trapezoidal rule", free_flight(), _ms(h), recipe(), h)
         yield job("rigid joint, trapezoidal rule", weld(), _ms(h), recipe(), h)
+    for accuracy in (1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12):
+        run = partial(with_exudyn.run_tree, free_flight(), recipe("DOPRI5", accuracy=accuracy), 0.5)
+        yield Job("Exudyn", "tree, DOPRI5 with error control", free_flight(), f"accuracy {accuracy:g}", run)
 
 
 def of_distribution(name: str) -> Callable[[], str | None]:

@@ -1,4 +1,4 @@
-"""Exudyn: redundant coordinates, joints as constraints, implicit or explicit steps; spheres touch by penalty."""
+"""Exudyn: joints as constraints, or a tree in minimal coordinates; implicit or explicit steps; spheres touch by penalty."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from engine_runs.mjcf import frame_of
 from engine_runs.scene import Body, Scene, initial_twists
 from engine_runs.states import States
 
@@ -131,21 +132,93 @@ def _push(mbs: Any, scene: Scene, numbers: dict[str, Any]) -> list[tuple[float, 
     return loads
 
 
+OUTPUTS = ("Position", "RotationMatrix", "Velocity", "AngularVelocity")
+
+
+def _states(outputs: list[list[np.ndarray]]) -> States:
+    """From the outputs of every body, in the order of ``OUTPUTS``."""
+    from exudyn.rigidBodyUtilities import RotationMatrix2EulerParameters
+
+    place, turn, v, w = (np.array(rows) for rows in zip(*outputs, strict=True))
+    return States(place, np.array([RotationMatrix2EulerParameters(R.reshape(3, 3)) for R in turn]), v, w)
+
+
 def states(scene: Scene, mbs: Any, numbers: dict[str, Any]) -> States:
     """Of every body."""
     import exudyn as exu
-    from exudyn.rigidBodyUtilities import RotationMatrix2EulerParameters
 
-    kind = exu.OutputVariableType
-    rows: list[list[np.ndarray]] = [[], [], [], []]
-    for body in scene.bodies:
-        number = numbers[body.name]
-        turn = np.array(mbs.GetObjectOutputBody(number, kind.RotationMatrix)).reshape(3, 3)
-        rows[0].append(np.array(mbs.GetObjectOutputBody(number, kind.Position)))
-        rows[1].append(np.array(RotationMatrix2EulerParameters(turn)))
-        rows[2].append(np.array(mbs.GetObjectOutputBody(number, kind.Velocity)))
-        rows[3].append(np.array(mbs.GetObjectOutputBody(number, kind.AngularVelocity)))
-    return States(*(np.array(row) for row in rows))
+    kinds = [getattr(exu.OutputVariableType, name) for name in OUTPUTS]
+    return _states(
+        [[np.array(mbs.GetObjectOutputBody(numbers[body.name], kind)) for kind in kinds] for body in scene.bodies]
+    )
+
+
+def _links(scene: Scene) -> tuple[list[Any], list[float], dict[str, int]]:
+    """Links of a tree whose base floats on six joints, their rates, and the numbers of the bodies' links."""
+    import exudyn as exu
+    from exudyn.rigidBodyUtilities import RigidBodyInertia, TreeLink
+
+    base, kinds, none = scene.bodies[0], exu.JointType, RigidBodyInertia(0.0, np.zeros((3, 3)))
+    names = ["PrismaticX", "PrismaticY", "PrismaticZ", "RevoluteZ", "RevoluteY", "RevoluteX"]
+    rates = [*base.velocity_m_s, *reversed(base.rate_rad_s)]
+    links = [TreeLink(none, getattr(kinds, name), parent=i - 1) for i, name in enumerate(names)]
+    links[-1].linkInertia = RigidBodyInertia(base.mass_kg, np.diag(base.inertia_kg_m2))
+    numbers = {base.name: len(links) - 1}
+    for body in scene.bodies[1:]:
+        parent, transform = scene.body(body.joint.parent), np.eye(4)
+        transform[:3, 3] = np.array(body.joint.anchor_m) - frame_of(parent)
+        inertia = RigidBodyInertia(body.mass_kg, np.diag(body.inertia_kg_m2))
+        kind = getattr(kinds, "Revolute" + "XYZ"[int(np.argmax(body.joint.axis))])
+        centred = inertia.Translated(np.array(body.position_m) - frame_of(body))
+        links.append(TreeLink(centred, kind, jointHT=transform, parent=numbers[parent.name]))
+        rates.append(body.joint.rate)
+        numbers[body.name] = len(links) - 1
+    return links, rates, numbers
+
+
+def run_tree(scene: Scene, recipe: Recipe, step_s: float) -> tuple[list[States], float]:
+    """As ``run``, of one free tree with hinges along the axes, in minimal coordinates."""
+    import exudyn as exu
+    from exudyn.itemInterface import SensorKinematicTree
+
+    container = exu.SystemContainer()  # owns the system
+    mbs = container.AddSystem()
+    links, rates, numbers = _links(scene)
+    tree = mbs.CreateKinematicTree(listOfTreeLinks=links, initialCoordinates_t=rates)
+    sensors = [
+        [
+            mbs.AddSensor(
+                SensorKinematicTree(
+                    objectNumber=tree,
+                    linkNumber=numbers[body.name],
+                    localPosition=(np.array(body.position_m) - frame_of(body)).tolist(),
+                    outputVariableType=getattr(exu.OutputVariableType, name),
+                    writeToFile=False,
+                )
+            )
+            for name in OUTPUTS
+        ]
+        for body in scene.bodies
+    ]
+    mbs.Assemble()
+    settings = _settings(recipe)
+    settings.timeIntegration.endTime = scene.duration_s
+    settings.timeIntegration.numberOfSteps = round(scene.duration_s / step_s)
+    clock = time.process_time()
+    mbs.SolveDynamic(settings, solverType=getattr(exu.DynamicSolverType, recipe.solver), showHints=False)
+    spent = time.process_time() - clock
+    return [_states([[np.array(mbs.GetSensorValues(one)) for one in row] for row in sensors])], spent
+
+
+def _settings(recipe: Recipe) -> Any:
+    """No files, no numerical damping, accuracy of error control."""
+    import exudyn as exu
+
+    settings = exu.SimulationSettings()
+    settings.solution.file.write = False
+    settings.timeIntegration.generalizedAlpha.spectralRadius = 1.0
+    settings.timeIntegration.relativeTolerance = settings.timeIntegration.absoluteTolerance = recipe.accuracy
+    return settings
 
 
 def run(scene: Scene, recipe: Recipe, step_s: float) -> tuple[list[States], float]:
@@ -155,11 +228,8 @@ def run(scene: Scene, recipe: Recipe, step_s: float) -> tuple[list[States], floa
     container = exu.SystemContainer()  # owns the system
     mbs = container.AddSystem()
     numbers, loads = built(scene, recipe, mbs)
-    settings = exu.SimulationSettings()
-    settings.solutionSettings.writeSolutionToFile = False
+    settings = _settings(recipe)
     steps = settings.timeIntegration
-    steps.generalizedAlpha.spectralRadius = 1.0
-    steps.relativeTolerance = steps.absoluteTolerance = recipe.accuracy
     if not scene.touching:  # with contact, Newton's iteration ends at its default tolerances only
         steps.newton.useModifiedNewton = False
         steps.newton.relativeTolerance, steps.newton.absoluteTolerance = 1e-12, 1e-14
