@@ -194,8 +194,8 @@ def _claims(means: Mapping[str, tuple[Interval, Interval]], search: _Search) -> 
         else "That rotations compare as positions do."
     )
     others = (
-        "That chaos limits the prediction: errors of rotation are there after the first impacts already, in both engines."
-        " Rounded corners, the place of the tag and the moments of inertia come before the law.",
+        "That errors of rotation come from the law of impact: they are there after the first impacts already, in both"
+        " engines. Rounded corners, the place of the tag and the moments of inertia come before the law.",
         "Anything about the end of a toss as a test of impacts: it tests sliding and rocking.",
     )
     return (may if apart else ()), (turns, *others)
