@@ -98,7 +98,7 @@ def report(folder: Path, stage: Progress, *, long: bool = False) -> GroupReport:
     tables = (
         _fall(tosses),
         _searched(search, len(train)),
-        _from_first_frame(means, float(np.mean([motion.impacts for motion in from_first[OURS]]))),
+        _from_first_frame(means, [motion.impacts for motion in from_first[OURS]]),
         _from_end_of_free_flight(tracked, from_free_flight),
     )
     failures = tuple(
@@ -172,10 +172,13 @@ def _means(tosses: Sequence[Toss], motions: Sequence[TossMotion]) -> tuple[Inter
     return mean_interval(distances), mean_interval(angles)
 
 
-def _from_first_frame(means: Mapping[str, tuple[Interval, Interval]], impacts: float) -> ReportTable:
+def _from_first_frame(means: Mapping[str, tuple[Interval, Interval]], impacts: Sequence[int]) -> ReportTable:
     """Whole tosses from the first frame as tabulated, as Acosta, Yang & Posa compare them."""
     rows = tuple((name, shown(distance, 3), shown(angle, 1)) for name, (distance, angle) in means.items())
-    note = f"With {impacts:.0f} impacts of ours in a toss on average. MuJoCo's contact was fitted by this measure."
+    note = (
+        f"{len(impacts)} tosses, with {np.mean(impacts):.0f} impacts of ours on average."
+        " MuJoCo's contact was fitted by this measure."
+    )
     return ReportTable("From the first frame, means", ("engine", "error of position, widths", "rotation, deg"), rows, note)
 
 
