@@ -15,7 +15,7 @@ contracts:
 schema:      ## regenerate the committed JSON Schema
 	uv run ffsm schema > scenarios/ffsm.schema.json
 	uv run ffsm schema --campaign > scenarios/ffsm-campaign.schema.json
-figures:     ## the pictures of docs/verified-result.md, docs/persistent-contact.md, docs/capture.md, docs/capture-detumble.md, docs/capture-in-orbit.md, docs/probe-and-cone.md, docs/force-readings.md, docs/nozzle-capture.md, docs/berth.md, docs/co-simulation.md, docs/linkage-gripper.md, docs/servo-arm.md, docs/flexible-joints.md, docs/friction.md, docs/grasp-by-friction.md, docs/sensitivity.md and docs/fit.md
+figures:     ## the pictures of docs/verified-result.md, docs/persistent-contact.md, docs/capture.md, docs/capture-detumble.md, docs/capture-in-orbit.md, docs/probe-and-cone.md, docs/force-readings.md, docs/nozzle-capture.md, docs/handrail.md, docs/berth.md, docs/co-simulation.md, docs/linkage-gripper.md, docs/servo-arm.md, docs/flexible-joints.md, docs/friction.md, docs/grasp-by-friction.md, docs/sensitivity.md and docs/fit.md
 	uv run ffsm run baseline --no-rerun --force --out logs/figures
 	uv run ffsm analyze logs/figures --plots docs/figures/baseline
 	uv run python docs/contact_force.py
@@ -28,7 +28,8 @@ figures:     ## the pictures of docs/verified-result.md, docs/persistent-contact
 	cp logs/capture-orbit-figures/orbit.svg logs/capture-orbit-figures/lvlh.svg docs/figures/capture-orbit
 	uv run python docs/probe_and_cone.py
 	uv run python docs/force_readings.py
-	uv run python docs/nozzle_capture.py
+	MUJOCO_GL=egl uv run python docs/nozzle_capture.py
+	MUJOCO_GL=egl uv run python docs/handrail.py
 	uv run python docs/berth.py
 	uv run python docs/co_simulation.py
 	uv run python docs/linkage_gripper.py

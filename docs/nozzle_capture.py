@@ -7,15 +7,19 @@ from pathlib import Path
 import mujoco
 import numpy as np
 from matplotlib.figure import Figure
-from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 import ffsm_mj
+from piece_pictures import colours, model_of, rendered, save
 from ffsm_mj.report.plots.style import BLACK, BLUE, VERMILION, WIDTH_IN, publication, write
 
 FOLDER = Path(__file__).parent / "figures" / "nozzle-capture"
 PINS = ("pin_1", "pin_2", "pin_3")
 APART = 0.25
 """How far pieces are moved apart in the figure, as a share of their distances from the middle of the nozzle."""
+
+
+THROAT_MM = 460.0, 500.0
+"""The throat along the axis, from the exit."""
 
 
 def in_nozzle(run: ffsm_mj.Run) -> np.ndarray:
@@ -52,30 +56,21 @@ def table(run: ffsm_mj.Run, places: np.ndarray) -> None:
     print(f"\nhead against the stage in the last 3 s: {1e3 * np.ptp(places[still], axis=0).max():.1e} mm")
 
 
-def pieces() -> tuple[Figure, int]:
-    """The pieces of the nozzle behind a cut through its axis, as it is and moved apart, and their number."""
+def pieces(path: Path) -> int:
+    """Draw the pieces of the nozzle behind a cut through its axis, as it is and moved apart; returns their number."""
     system = ffsm_mj.Scenario.load("nozzle-capture").system
     geom, turn = system.index("geom", "stage/nozzle"), np.empty(9)
     mujoco.mju_quat2Mat(turn, system.mj.geom_quat[geom])
-    parts = [part.moved(np.zeros(3), turn.reshape(3, 3)) for part in system.pieces[geom]]
-    colours = np.random.default_rng(3).permutation(len(parts)) / len(parts)
-    figure = Figure(figsize=(WIDTH_IN, 0.45 * WIDTH_IN))
-    for k, apart in enumerate((0.0, APART)):
-        axes = figure.add_subplot(1, 2, k + 1, projection="3d")
-        for hue, part in zip(colours.tolist(), parts, strict=True):
-            middle = part.vertices.mean(axis=0)
-            if middle[1] > 0.0:
-                corners, colour = (
-                    part.vertices + apart * middle,
-                    (0.35 + 0.6 * abs(2 * hue - 1), 0.45 + 0.4 * hue, 0.9 - 0.5 * hue),
-                )
-                polygons = [corners[list(face)] for face in part.faces]
-                axes.add_collection3d(Poly3DCollection(polygons, facecolor=colour, edgecolor=BLACK, linewidth=0.2))
-        axes.set_box_aspect((1, 1, 1), zoom=1.5)
-        axes.set(xlim=(-0.35, 0.55), ylim=(-0.45, 0.45), zlim=(-0.45, 0.45))
-        axes.view_init(elev=15, azim=-80)
-        axes.set_axis_off()
-    return figure, len(parts)
+    parts = [part.moved(np.zeros(3), turn.reshape(3, 3)).vertices for part in system.pieces[geom]]
+    half = [(part, tint) for part, tint in zip(parts, colours(len(parts)), strict=True) if part.mean(axis=0)[1] > 0.0]
+    pictures = []
+    for apart in (0.0, APART):
+        model = model_of([part + apart * part.mean(axis=0) for part, _ in half], [tint for _, tint in half])
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        pictures.append(rendered(model, data, lookat=(0.1, 0.1, 0.0), distance=1.5, azimuth=70.0, elevation=-20.0))
+    save(pictures, path)
+    return len(parts)
 
 
 def motion(run: ffsm_mj.Run, places: np.ndarray) -> Figure:
@@ -83,7 +78,8 @@ def motion(run: ffsm_mj.Run, places: np.ndarray) -> Figure:
     figure = Figure(figsize=(WIDTH_IN, 0.75 * WIDTH_IN))
     way, beside, force = figure.subplots(3, 1, sharex=True)
     way.plot(run.time, 1e3 * places[:, 0], color=BLUE)
-    way.axhspan(460.0, 500.0, color="0.85")
+    way.axhspan(*THROAT_MM, color="0.85")
+    way.text(run.time[-1], sum(THROAT_MM) / 2.0, "throat", ha="right", va="center")
     way.set(ylabel="head from\nthe exit, mm")
     beside.plot(run.time, 1e3 * np.hypot(places[:, 1], places[:, 2]), color=BLUE)
     beside.set(ylabel="head beside\nthe axis, mm")
@@ -94,6 +90,8 @@ def motion(run: ffsm_mj.Run, places: np.ndarray) -> Figure:
     for axes in (way, beside, force):
         for record in run.records["phases"]:
             axes.axvline(record.start_s, color="0.6", linewidth=0.7)
+    for record in run.records["phases"]:
+        way.annotate(record.name, (record.start_s, 1.0), (2, 2), xycoords=("data", "axes fraction"), textcoords="offset points")
     return figure
 
 
@@ -105,9 +103,7 @@ def main() -> None:
     FOLDER.mkdir(parents=True, exist_ok=True)
     with publication():
         write(motion(run, places), FOLDER, "capture", ("svg",))
-        figure, count = pieces()
-        write(figure, FOLDER, "pieces", ("svg",))
-    print(f"pieces of the nozzle: {count}")
+    print(f"pieces of the nozzle: {pieces(FOLDER / 'pieces.png')}")
 
 
 if __name__ == "__main__":
