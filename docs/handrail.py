@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 from matplotlib.figure import Figure
-from piece_pictures import colours, rendered, save
+from piece_pictures import colours, mark_phases, rendered, save
 
 import ffsm_mj
 from ffsm_mj.report.plots.style import BLUE, VERMILION, WIDTH_IN, publication, write
@@ -17,9 +17,9 @@ FOLDER = Path(__file__).parent / "figures" / "handrail"
 PADS = ("left", "right")
 JOINT_MM = 20.0
 """Joint of rail and rung, from the middle of the rail."""
-PAD_MM = 12.0
+PAD_MM = 13.0
 """Half width of a pad."""
-VIEWS = (0.0, (-0.1, 0.0, -0.1), 2.0, 55.0), (1.4, (0.0, 0.0, 0.0), 0.5, 60.0), (7.0, (0.0, 0.0, 0.0), 0.5, 60.0)
+VIEWS = (0.0, (-0.1, 0.0, -0.1), 2.0, 55.0), (1.4, (0.0, 0.0, 0.0), 0.45, 60.0), (7.0, (0.0, 0.0, 0.0), 0.45, 60.0)
 """Time of each picture, s; its middle from the grip, m; distance of the camera, m; azimuth, degrees."""
 
 
@@ -89,10 +89,7 @@ def motion(run: ffsm_mj.Run, places: np.ndarray) -> Figure:
     force.set(ylabel="force of\na pad, N", yscale="log", ylim=(0.1, 40.0))
     force.legend()
     friction.set(xlabel="time, s", ylabel="friction of\na pad, N")
-    for record in run.records["phases"]:
-        for axes in (way, force, friction):
-            axes.axvline(record.start_s, color="0.6", linewidth=0.7)
-        way.annotate(record.name, (record.start_s, 1.0), (2, 2), xycoords=("data", "axes fraction"), textcoords="offset points")
+    mark_phases(run, (way, force, friction))
     return figure
 
 

@@ -7,17 +7,15 @@ from pathlib import Path
 import mujoco
 import numpy as np
 from matplotlib.figure import Figure
+from piece_pictures import colours, mark_phases, model_of, rendered, save
 
 import ffsm_mj
-from piece_pictures import colours, model_of, rendered, save
 from ffsm_mj.report.plots.style import BLACK, BLUE, VERMILION, WIDTH_IN, publication, write
 
 FOLDER = Path(__file__).parent / "figures" / "nozzle-capture"
 PINS = ("pin_1", "pin_2", "pin_3")
-APART = 0.25
+APART = 0.5
 """How far pieces are moved apart in the figure, as a share of their distances from the middle of the nozzle."""
-
-
 THROAT_MM = 460.0, 500.0
 """The throat along the axis, from the exit."""
 
@@ -68,7 +66,7 @@ def pieces(path: Path) -> int:
         model = model_of([part + apart * part.mean(axis=0) for part, _ in half], [tint for _, tint in half])
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
-        pictures.append(rendered(model, data, lookat=(0.1, 0.1, 0.0), distance=1.5, azimuth=70.0, elevation=-20.0))
+        pictures.append(rendered(model, data, lookat=(0.05, 0.1, 0.0), distance=1.2, azimuth=70.0, elevation=-20.0))
     save(pictures, path)
     return len(parts)
 
@@ -87,11 +85,7 @@ def motion(run: ffsm_mj.Run, places: np.ndarray) -> Figure:
         force.plot(run.time, run[f"contact.{pin}_force_N"], color=colour, label=pin)
     force.set(xlabel="time, s", ylabel="force of the pins\non the wall, N")
     force.legend()
-    for axes in (way, beside, force):
-        for record in run.records["phases"]:
-            axes.axvline(record.start_s, color="0.6", linewidth=0.7)
-    for record in run.records["phases"]:
-        way.annotate(record.name, (record.start_s, 1.0), (2, 2), xycoords=("data", "axes fraction"), textcoords="offset points")
+    mark_phases(run, (way, beside, force))
     return figure
 
 

@@ -1,6 +1,7 @@
-"""Pictures in which every convex piece has a colour of its own, by MuJoCo's renderer, off screen.
+"""Figures of scenarios whose shapes are pieces: pictures in which every convex piece has a colour of its own, and phases.
 
-Without a display it needs ``MUJOCO_GL=egl``, as ``make figures`` sets it: MuJoCo reads it when it is imported.
+MuJoCo's renderer draws the pictures off screen. Without a display it needs ``MUJOCO_GL=egl``, as ``make figures`` sets it:
+MuJoCo reads it when it is imported.
 """
 
 from __future__ import annotations
@@ -12,13 +13,18 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from matplotlib.axes import Axes
 from PIL import Image
 
+import ffsm_mj
+
 HEIGHT, WIDTH = 900, 1100
+GAP = 30
 SMALLER = 2
 """Pictures are drawn larger and reduced, which smooths edges."""
 GOLDEN = 0.618034
 """Steps of hue: those of neighbours in a list are far apart, and no two of a few hundred are the same."""
+
 
 def colours(count: int) -> list[tuple[float, float, float, float]]:
     """Colours of some pieces, RGBA."""
@@ -39,7 +45,9 @@ def model_of(pieces: Sequence[np.ndarray], tints: Sequence[tuple[float, float, f
     return spec.compile()
 
 
-def rendered(model: Any, data: Any, *, lookat: Sequence[float], distance: float, azimuth: float, elevation: float) -> np.ndarray:
+def rendered(
+    model: Any, data: Any, *, lookat: Sequence[float], distance: float, azimuth: float, elevation: float
+) -> np.ndarray:
     """A picture of a model on white, (height, width, 3).
 
     Args:
@@ -64,7 +72,17 @@ def rendered(model: Any, data: Any, *, lookat: Sequence[float], distance: float,
 
 def save(pictures: Sequence[np.ndarray], path: Path) -> None:
     """Write pictures side by side as PNG."""
-    image = Image.fromarray(np.concatenate(pictures, axis=1))
+    gap = np.full((HEIGHT, GAP, 3), 255, np.uint8)
+    image = Image.fromarray(np.concatenate([part for picture in pictures for part in (picture, gap)][:-1], axis=1))
     image = image.resize((image.width // SMALLER, image.height // SMALLER), Image.Resampling.LANCZOS)
     path.parent.mkdir(parents=True, exist_ok=True)
     image.quantize(256).save(path, optimize=True)
+
+
+def mark_phases(run: ffsm_mj.Run, every: Sequence[Axes]) -> None:
+    """Mark the beginnings of phases by lines in all axes, with their names above the first, on two heights."""
+    for k, record in enumerate(run.records["phases"]):
+        for axes in every:
+            axes.axvline(record.start_s, color="0.6", linewidth=0.7)
+        place, above = (record.start_s, 1.0), (2, 2 + 9 * (k % 2))
+        every[0].annotate(record.name, place, above, xycoords=("data", "axes fraction"), textcoords="offset points")

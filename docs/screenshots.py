@@ -34,6 +34,8 @@ SHOTS = (
     ("spatial", "spatial", 2.95),
     ("thrusters", "free-flying-hardware", 7.9),
     ("orbit", "capture-orbit", 500.0),
+    ("nozzle-capture", "nozzle-capture", 9.5),
+    ("handrail", "handrail", 2.5),
 )
 START = "capture"
 """Scenario whose start is shown."""
