@@ -66,7 +66,7 @@ def pieces(path: Path) -> int:
         model = model_of([part + apart * part.mean(axis=0) for part, _ in half], [tint for _, tint in half])
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
-        pictures.append(rendered(model, data, lookat=(0.05, 0.1, 0.0), distance=1.2, azimuth=70.0, elevation=-20.0))
+        pictures.append(rendered(model, data, lookat=(0.05, 0.1, 0.07), distance=1.2, azimuth=70.0, elevation=-20.0))
     save(pictures, path)
     return len(parts)
 
