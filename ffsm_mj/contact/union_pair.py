@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from operator import itemgetter
 from typing import Any
 
 import mujoco
@@ -270,8 +271,9 @@ class UnionPair(ContactPair):
             number = i * len(b.pieces) + k
             if bound >= best[0]:
                 break
+            # A pair that is farther away says the limit, the gap of the nearest one so far.
             if number not in leave_out and self._allowed[i, k]:
-                best = min(best, (self.piece_pair(number).gap(model, data, best[0]), number))
+                best = min(best, (self.piece_pair(number).gap(model, data, best[0]), number), key=itemgetter(0))
         return best
 
     def _nearest_pair(self, model: Any, data: Any) -> PiecePair:

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from tests.random_scenes.dice import Dice
 from tests.random_scenes.laws import LawDrawing, PhaseDrawing
 from tests.random_scenes.models import BASES, ModelDrawing
+from tests.random_scenes.pieces import WELD_M
 from tests.random_scenes.placement import Stage
 from tests.random_scenes.sensing import SensorDrawing
 
@@ -68,12 +69,15 @@ class _Scene:
         sensing.draw()
         robot_xml = self.robot.xml.replace("SENSORS", sensing.filled)
         texts = {name: made.xml for name, made in self.objects.items()}
+        keys = {name: model.keys for name, model in self.objects.items()}
         if self.wall:
-            texts["wall"] = models.wall("wall")
+            wall = models.wall("wall")
+            texts["wall"], keys["wall"], self.wall_side = wall.xml, wall.keys, wall.side
         for name, text in {"robot": robot_xml, **texts}.items():
             (self.folder / f"{name}.xml").write_text(text)
-        stage = Stage(self.robot.xml.replace("SENSORS", ""), texts, gravity)
-        contacts = self._contacts()
+        apart = texts | ({"wall": wall.apart} if self.wall else {})
+        stage = Stage(self.robot.xml.replace("SENSORS", ""), apart, gravity)
+        contacts = self._contacts() | ({"weld_m": WELD_M} if models.cut else {})
         initial, poses = self._start(stage)
         times = (self.step_s, self.period_s, self.duration_s)
         laws = LawDrawing(
@@ -88,7 +92,7 @@ class _Scene:
             "conservative": not self.gravity.any(),
             "robot": {"mjcf": "robot.xml", **self.robot.keys},
             "objects": {
-                name: {"mjcf": f"{name}.xml"} | ({"fixed": True, "pose": poses[name]} if name in poses else {})
+                name: {"mjcf": f"{name}.xml"} | keys[name] | ({"fixed": True, "pose": poses[name]} if name in poses else {})
                 for name in texts
             },
             "initial": initial,
@@ -118,7 +122,7 @@ class _Scene:
         for name, model in self.objects.items():
             names[name] = [name] if style == "models" else [f"{name}/{geom}" for geom in model.geoms]
         if self.wall:
-            names["wall"] = ["wall"] if style == "models" else ["wall/wall"]
+            names["wall"] = ["wall"] if style == "models" else [self.wall_side]
         rules = []
         for one, other in combinations(names, 2):
             for a, b in product(names[one], names[other]):

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from tests.random_scenes.dice import Dice, numbers
+from tests.random_scenes.pieces import Drawn, pieces, wall
 
 KINDS = ("sphere", "capsule", "box", "cylinder", "ellipsoid", "mesh")
 BASES = ("free", "free", "free", "planar", "planar", "ball")
@@ -33,6 +34,7 @@ class Model:
     base: str
     xml: str = ""
     geoms: list[str] = field(default_factory=list)
+    """What rules name: its geoms, and bodies of several pieces."""
     joints: list[str] = field(default_factory=list)
     """Joints other than those of the base and wheels, without ball joints."""
     slides: list[str] = field(default_factory=list)
@@ -43,7 +45,7 @@ class Model:
     arms: list[list[str]] = field(default_factory=list)
     """Joints of each arm."""
     grips: list[str] = field(default_factory=list)
-    """Geoms at the ends of arms."""
+    """What rules name of the ends of arms."""
     keys: dict[str, Any] = field(default_factory=dict)
     """Further keys of its model in the scenario."""
 
@@ -51,6 +53,16 @@ class Model:
     def base_joints(self) -> dict[str, int]:
         """Joints of the base, with the number of their coordinates."""
         return {"free": {"free": 7}, "planar": {"x": 1, "y": 1, "yaw": 1}, "ball": {"ball": 4}}[self.base]
+
+
+@dataclass
+class Wall:
+    """A fixed body: its file, the file by which it is placed, what rules name, and further keys of the scenario."""
+
+    xml: str
+    apart: str
+    side: str
+    keys: dict[str, Any]
 
 
 class ModelDrawing:
@@ -73,13 +85,13 @@ class ModelDrawing:
         self.elastic = Dice(seed, "elastic")
         self.sprung = self.elastic.chance(0.3)
         self.stopped = Dice(seed, "limits").chance(0.4)
+        self.cut = Dice(seed, "pieces").chance(0.35)
 
     def robot(self, base: str) -> Model:
         dice, made = self.dice, Model(base)
         assets, fittings, actuators = "", "", ""
-        bus, asset = self.geom("bus", 0.2)
+        bus, asset = self.geom(made, "bus", 0.2, body="base")
         assets += asset
-        made.geoms.append("bus")
         arms, links = dice.pick([1, 1, 2]), 0
         bodies = ""
         for arm in range(arms):
@@ -127,13 +139,11 @@ class ModelDrawing:
         """A floating object, in a fifth of the cases with a panel on a joint of any kind."""
         dice, made = self.dice, Model(base)
         size = dice.between(0.08, 0.25)
-        geom, asset = self.geom(name, size)
-        made.geoms.append(name)
+        geom, asset = self.geom(made, name, size, body=name)
         if dice.chance(0.2):
             place = self._in_plane(dice.vector(0.5 * size))
-            second, more = self.geom(f"{name}b", 0.6 * size, (place[0], place[1], place[2]))
+            second, more = self.geom(made, f"{name}b", 0.6 * size, (place[0], place[1], place[2]))
             geom, asset = geom + second, asset + more
-            made.geoms.append(f"{name}b")
         panel = ""
         if self.elastic.chance(0.2):
             kind = "hinge" if self.flat else self.elastic.pick(["hinge", "slide", "ball"])
@@ -152,14 +162,22 @@ class ModelDrawing:
           </body></worldbody></mujoco>"""
         return made
 
-    def wall(self, name: str) -> str:
-        """A fixed box, thick or thin, whose face looks along -x, or a post of any shape."""
+    def wall(self, name: str) -> Wall:
+        """A fixed box, thick or thin, whose face looks along -x, a post of any shape, pieces, terrain or a cone."""
+        made = Model("")
         if self.dice.chance(0.25):
-            geom, asset = self.geom(name, 0.4)
-            return f"""<mujoco model="{name}">{self.head}<asset>{asset}</asset><worldbody>{geom}</worldbody></mujoco>"""
-        half = "0.3 1 1" if self.dice.chance(0.6) else f"{self.dice.between(0.02, 0.1)} 0.4 0.5"
-        return f"""<mujoco model="{name}">{self.head}<worldbody><geom name="{name}" type="box" size="{half}"
-          mass="0"/></worldbody></mujoco>"""
+            geom, asset = self.geom(made, name, 0.4)
+        else:
+            half = "0.3 1 1" if self.dice.chance(0.6) else f"{self.dice.between(0.02, 0.1)} 0.4 0.5"
+            geom, asset = f'<geom name="{name}" type="box" size="{half}" mass="0"/>', ""
+        drawn = Drawn(geom, asset, {}, f"{name}/{name}", geom)
+        if self.cut:
+            drawn = wall(Dice(self.seed, f"pieces of {name}"), name) or drawn
+        xml, apart = (
+            f"""<mujoco model="{name}">{self.head}<asset>{drawn.assets}</asset><worldbody>{text}</worldbody></mujoco>"""
+            for text in (drawn.geoms, drawn.apart)
+        )
+        return Wall(xml, apart, drawn.side, drawn.keys)
 
     def _arm(self, made: Model, arm: int, first: int, count: int, side: float) -> tuple[str, str]:
         dice, body, ends, assets = self.dice, "", "", ""
@@ -173,9 +191,8 @@ class ModelDrawing:
             made.slides += [name] if slides else []
             place = [0.35, side, 0.0] if i == first else [0.25, 0.0, 0.0]
             last = i == first + count - 1
-            geom, asset = self.geom(f"link{i}", 0.09 if last else 0.05, (0.12, 0.0, 0.0))
-            made.geoms.append(f"link{i}")
-            made.grips += [f"link{i}"] if last else []
+            geom, asset = self.geom(made, f"link{i}", 0.09 if last else 0.05, (0.12, 0.0, 0.0), body=f"link{i}")
+            made.grips += [made.geoms[-1]] if last else []
             assets += asset
             turn = self._turn(0.2 * last * (not self.aligned))
             body += f"""<body name="link{i}" {self._floats(i)} pos="{numbers(place)}" quat="{numbers(turn)}">
@@ -260,12 +277,34 @@ class ModelDrawing:
         quat, moments = numbers(self._turn(0.7)), numbers([b + c, a + c, a + b])
         return f'<inertial pos="{numbers(place)}" quat="{quat}" mass="{mass}" diaginertia="{moments}"/>'
 
-    def geom(self, name: str, size: float, at: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> tuple[str, str]:
-        """A geom of any convex kind; returns its element and that of its mesh, if it has one."""
-        dice = self.dice
+    def geom(
+        self, made: Model, name: str, size: float, at: tuple[float, float, float] = (0.0, 0.0, 0.0), *, body: str = ""
+    ) -> tuple[str, str]:
+        """A geom of any convex kind, or several pieces instead of it if its body may have them.
+
+        Args:
+            made: Its model, to which what rules name of it is added.
+            name: Its name.
+            size: Its size, m.
+            at: Its position, m.
+            body: The body that rules name if it becomes several geoms; empty: it does not.
+
+        Returns:
+            Its element and that of its mesh, if it has one.
+        """
+        dice, cuts = self.dice, Dice(self.seed, f"pieces of {name}")
+        made.geoms.append(name)
         kind = dice.pick(KINDS)
         a, b, c = (size * dice.rng.uniform(0.5, 1.3, 3)).tolist()
-        place = f'name="{name}" pos="{numbers(at)}" quat="{numbers(self._turn(0.6 * (not self.aligned)))}" mass="0"'
+        turn = self._turn(0.6 * (not self.aligned))
+        place = f'name="{name}" pos="{numbers(at)}" quat="{numbers(turn)}" mass="0"'
+        if body and self.cut and cuts.chance(0.6):
+            drawn = pieces(cuts, name, np.array([a, b, c]), np.array(at), np.array(turn))
+            if mesh := drawn.keys.get("decompose"):
+                made.keys.setdefault("decompose", []).append(mesh)
+            else:
+                made.geoms[-1] = body
+            return drawn.geoms, drawn.assets
         if kind == "mesh":
             points = self._vertices() * (a, b, c)
             asset = f'<mesh name="{name}" vertex="{numbers(points.ravel())}"/>'

@@ -148,3 +148,17 @@ def test_two_runs_at_once(tmp_path):
         both = told(simulator.close())
         np.testing.assert_array_equal(both["rows"], expected["rows"])
         assert both["events"] == expected["events"]
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_the_gap_of_a_union_is_that_of_its_nearest_piece(tmp_path, order):
+    """A tilted ellipsoid over one of two boxes: z - |D R^T e_z| with its half axes D, whichever box comes first.
+
+    Boxes around it and the other box are nearer than it is to the box below it: both distances are asked for.
+    """
+    half, angle, height = np.array([0.05, 0.02, 0.1]), 0.6, 0.2
+    body = free(f'<geom name="g" type="ellipsoid" size="{numbers(half)}" mass="0"/>')
+    joints = [0.08, 0.0, height, math.cos(angle / 2.0), 0.0, math.sin(angle / 2.0), 0.0]
+    path = on(tmp_path / "run", body, fixed(geoms(HALVES[::order])), joints=joints, duration_s=0.004)
+    gap = height - np.linalg.norm(half * [-math.sin(angle), 0.0, math.cos(angle)])
+    assert ffsm_mj.run(path)["contact.hit_gap_m"][0] == pytest.approx(gap, abs=1e-12)

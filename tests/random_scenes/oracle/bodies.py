@@ -89,9 +89,11 @@ class Bodies:
         self.sites: dict[str, Place] = {}
         self.motors: dict[str, Motor] = {}
         self.joints: dict[str, Joint] = {}
+        self.solids: set[str] = set()  # meshes with faces, which are not convex
         self.nq = self.nv = 0
         for model, root in models.items():
             meshes = {m.get("name"): _floats(m, "vertex").reshape(-1, 3) for m in root.iter("mesh")}
+            self.solids |= {f"{model}/{m.get('name')}" for m in root.iter("mesh") if m.get("face")}
             at, quat = poses.get(model, ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)))
             world = root.find("worldbody")
             assert world is not None
@@ -111,9 +113,11 @@ class Bodies:
             how = in_world[1] @ matrix(_floats(child, "quat", "1 0 0 0"))
             if child.tag == "geom":
                 kind = child.get("type", "sphere")
-                size = (
-                    meshes[child.get("mesh")].astype(np.float32).astype(float) if kind == "mesh" else _floats(child, "size")
-                )
+                if f"{model}/{child.get('mesh')}" in self.solids:
+                    kind = "solid"
+                size = _floats(child, "size", "0")
+                if kind in ("mesh", "solid"):
+                    size = meshes[child.get("mesh")].astype(np.float32).astype(float)
                 self.geoms[name] = Place(body, where, how, kind, size)
             elif child.tag == "site":
                 self.sites[name] = Place(body, where, how)

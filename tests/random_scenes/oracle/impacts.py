@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from tests.random_scenes.oracle.bodies import Array, State
 from tests.random_scenes.oracle.scene import LoggedScene
-from tests.random_scenes.oracle.shapes import gap_along
+from tests.random_scenes.oracle.shapes import UNKNOWN, gap_along
 
 ROUNDING = 1e-10
 """Share of the terms of a sum to which it is known: some 1e3 roundings of 1e-16, times a condition of 1e3 of a light link
@@ -112,7 +112,9 @@ def _speeds(scene: LoggedScene, state: State, hit: Any) -> Iterator[str]:
 def _geometry(scene: LoggedScene, state: State, hit: Any, normal: Array) -> Iterator[str]:
     """The gap across the normal by our support functions; that of flat meshes is known to single precision."""
     a, b = (scene.shape(state, name) for name in hit.geoms)
-    level = max(3e-7 * each.reach if each.kind == "mesh" else 0.0 for each in (a, b)) + 2e-9
+    if a.kind in UNKNOWN or b.kind in UNKNOWN:
+        return
+    level = max(scene.rounding(a), scene.rounding(b)) + 2e-9
     yield from _beyond(f"impact: gap of {'-'.join(sorted((a.kind, b.kind)))}", gap_along(a, b, normal) - hit.gap_m, level)
 
 

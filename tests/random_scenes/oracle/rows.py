@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from tests.random_scenes.oracle.bodies import WIDTHS, Array, State
 from tests.random_scenes.oracle.impacts import ROUNDING, _beyond, latches
 from tests.random_scenes.oracle.scene import LoggedScene
-from tests.random_scenes.oracle.shapes import distance_bounds
+from tests.random_scenes.oracle.shapes import UNKNOWN, distance_bounds
 
 ROWS = 10
 """Rows of which sums are compared."""
@@ -69,17 +69,15 @@ def _grasps(scene: LoggedScene, state: State, row: int) -> Iterator[str]:
 
 
 def _gaps(scene: LoggedScene, state: State, row: int) -> Iterator[str]:
-    """Gaps of rules between bounds by supports."""
-    for name, rule in scene.rules.items():
-        key = f"contact.{name.replace('-', '_')}_gap_m"
-        sides = rule["between"]
-        if key not in scene.run.keys or not all(side in scene.bodies.geoms for side in sides):
+    """Gaps of rules between bounds by supports; that of a union is the least of its pieces."""
+    for name in scene.rules:
+        key, pairs = f"contact.{name.replace('-', '_')}_gap_m", list(scene.shapes(state, name))
+        kinds = "-".join(sorted({shape.kind for pair in pairs for shape in pair}))
+        if key not in scene.run.keys or not pairs or any(kind in kinds for kind in (*UNKNOWN, "cone")):
             continue
-        a, b = (scene.shape(state, side) for side in sides)
-        lower, upper = distance_bounds(a, b)
+        lower, upper = np.min([distance_bounds(a, b) for a, b in pairs], axis=0)
         gap = scene.run[key][row]
-        level = sum(3e-7 * each.reach if each.kind == "mesh" else 0.0 for each in (a, b)) + 2e-9
-        kinds = "-".join(sorted((a.kind, b.kind)))
+        level = max(scene.rounding(a) + scene.rounding(b) for a, b in pairs) + 2e-9
         if lower > 0.0:
             yield from _beyond(f"row: gap of {kinds}", max(lower - gap, gap - upper, 0.0), level)
         else:

@@ -6,13 +6,14 @@ import json
 from collections import defaultdict
 from collections.abc import Iterator
 from functools import cached_property
+from itertools import product
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 
-from tests.random_scenes.oracle.bodies import Array, Bodies, State
+from tests.random_scenes.oracle.bodies import Array, Bodies, Place, State, matrix
 from tests.random_scenes.oracle.shapes import Shape
 
 SENSED = {
@@ -50,6 +51,9 @@ class LoggedScene:
         roots = {name: ElementTree.fromstring(text) for name, text in texts.items()}
         self._change(roots["robot"], self.said["robot"])
         self.bodies = Bodies(roots, poses)
+        for name, (at, quat) in poses.items():
+            for cone in self.said["objects"][name].get("cones", ()):
+                self.bodies.geoms[f"{name}/{cone['name']}"] = Place(-1, np.array(at), matrix(quat), "cone")
         for model, bodies in self.said.get("model", {}).items():
             for name, changed in bodies.items():
                 body = next(each for each in self.bodies.bodies if each.name == f"{model}/{name}")
@@ -109,6 +113,28 @@ class LoggedScene:
     def shape(self, state: State, geom: str) -> Shape:
         place = self.bodies.geoms[geom]
         return Shape(place.kind, place.size, *state.place(place))
+
+    def rounding(self, shape: Shape) -> float:
+        """To what a shape is known, m: vertices of meshes in single precision, and moved onto planes of their union."""
+        return 3e-7 * shape.reach + self.said["contacts"].get("weld_m", 0.0) if shape.kind == "mesh" else 0.0
+
+    def geoms(self, side: str) -> list[str]:
+        """Geoms that a rule names: one, or those of a body; none if it names a model."""
+        if side in self.bodies.geoms:
+            return [side]
+        return [
+            name
+            for name, place in self.bodies.geoms.items()
+            if place.body >= 0 and self.bodies.bodies[place.body].name == side
+        ]
+
+    def shapes(self, state: State, rule: str) -> Iterator[tuple[Shape, Shape]]:
+        """Pairs of shapes that a rule has, without those that a later one takes."""
+        names = [*self.rules]
+        later = [self.rules[name]["between"] for name in names[names.index(rule) + 1 :]]
+        for one, other in product(*map(self.geoms, self.rules[rule]["between"])):
+            if not any({one, other} <= {*self.geoms(a), *self.geoms(b)} for a, b in later):
+                yield self.shape(state, one), self.shape(state, other)
 
     @cached_property
     def events(self) -> list[Any]:

@@ -23,6 +23,8 @@ class Shape:
 
     def support(self, direction: Array) -> Array:
         """The point farthest along a direction."""
+        if self.kind == "cone":
+            return self.at  # planes that touch it across one of its normals pass through its apex
         d = self.frame.T @ direction
         return self.at + self.frame @ self._support(d / np.linalg.norm(d))
 
@@ -46,6 +48,10 @@ class Shape:
     def reach(self) -> float:
         """A length that bounds it, for roundings."""
         return float(np.abs(self.size).max())
+
+
+UNKNOWN = ("solid", "hfield")
+"""Kinds of shapes that are not convex and of which only the program knows the pieces."""
 
 
 def gap_along(a: Shape, b: Shape, normal: Array) -> float:
