@@ -10,6 +10,9 @@ changes no other one.
   capsules, boxes, cylinders, ellipsoids, meshes (hulls, frusta, prisms, grids); everything in a plane; armatures;
   flexible drives; springs and dampers; limits with restitution, ignored limits, stripped elements; masses of the
   scenario; a fixed wall or post.
+- **Unions**, in a third of the scenes: bases, links, objects and walls of several pieces (boxes cut at random, corners,
+  T-slots, crosses, rods of two cylinders, wedges of meshes), meshes that are decomposed, a wall of terrain or the inside
+  of a cone.
 - **Contact**: rules by geoms, by models or one default; the ends of two arms with each other; restitution 0 to 1 and
   above; friction; ``blend``, ``poisson`` and ``newton``; rest interval and rest speed; faces that are parallel to the
   last bit or within 1e-3 rad; presses, approaches in line and fly-bys with gaps of rounding to 0.3 m.

@@ -186,11 +186,17 @@ class ModeChoice:
             least = min(least, float((accelerations[:, 0] + rounding)[closed].min()))
             # A closed point whose gap the held ones keep at rest would carry a share of the load if it were held as they
             # are: where that share presses, the point belongs to those that carry force.
-            idle = closed & (accelerations[:, 0] <= rounding) & (accelerations[:, 0] >= -rounding)
-            if idle.any():
-                shares = problem.virtual_shares(kinds, forces)
-                least = min(least, float((rounding - shares * problem.inverse_mass)[idle].min()))
+            shares = self._idle_shares(kinds, forces, accelerations)
+            least = min(least, float((rounding - shares).min()))
         return least
+
+    def _idle_shares(self, kinds: IntArray, forces: FloatArray, accelerations: FloatArray) -> FloatArray:
+        """Loads that closed points at rest would have if they were held, as accelerations, m/s^2, (k,); others -inf."""
+        problem, rounding = self._problem, OPENS * self._states.rounding
+        idle = (kinds == CLOSED) & (np.abs(accelerations[:, 0]) <= rounding)
+        if not idle.any():
+            return np.full(len(kinds), -np.inf)
+        return np.where(idle, problem.virtual_shares(kinds, forces) * problem.inverse_mass, -np.inf)
 
     def _excess(self, kinds: IntArray) -> float:
         """Acceleration beyond the limit of friction up to which points stick, m/s^2."""
@@ -326,13 +332,20 @@ class ModeChoice:
             # and one that would slide against its friction sticks.
             pulls = (kinds != CLOSED) & (solution.forces[:, 0] * problem.inverse_mass < -OPENS * states.rounding)
             overlaps = (kinds == CLOSED) & (solution.accelerations[:, 0] < -OPENS * states.rounding)
+            slides = np.flatnonzero(kinds == SLIDE)
+            regular = problem.is_regular(kinds, directions)
+            if regular:  # else what presses as a share would pull
+                # The compliance says up to 1e-8 of the load which redundant points press: one at the edge may be missing.
+                overlaps |= self._idle_shares(kinds, solution.forces, solution.accelerations) > OPENS * states.rounding
             friction = np.hypot(solution.forces[:, 1], solution.forces[:, 2])
             over = (kinds == STICK) & ~pulls & (friction > problem.mu * solution.forces[:, 0])
             back = (kinds == SLIDE) & self._still & (problem.mu > 0.0) & ~pulls
             back &= np.sum(solution.accelerations[:, 1:] * directions, axis=1) < -_SLIPS * self._scale
-            # The modes are not valid, but no change at a single point would mend them, as beyond Painleve's paradox.
             if not np.any(pulls | overlaps | over | back):
-                return None
+                if len(slides) <= 1 or regular:
+                    return None  # no change at a single point would mend the modes, as beyond Painleve's paradox
+                # Beyond that paradox of several points together, a body may tip over some of them: the least loaded opens.
+                pulls[slides[np.argmin(solution.forces[slides, 0])]] = True
             kinds[pulls], kinds[overlaps & problem.movable_normals] = CLOSED, STICK
             # A point with a slip cannot stick; without friction the sliding mode is the one that presses.
             kinds[overlaps & (states.slipping | (problem.mu == 0.0)) & problem.movable_normals] = SLIDE

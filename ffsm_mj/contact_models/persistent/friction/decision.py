@@ -135,6 +135,7 @@ class Decision:
             modes.drifts,
             struck=self._struck,
             stops=self._stops,
+            pairs=[points for _, points in modes.pairs],
         )
         return slipping & (modes.mu > 0.0)
 

@@ -353,7 +353,10 @@ class FrictionModes:
                     if contact in straight:
                         self._directions[contact] = kept[contact]
             elif kind == SLIDE:
-                self._largest_slip[contact] = slip
+                # A load that goes round a cap leaves each point for a while: its slip is the motion of the others.
+                regains = kinds_before.get(contact) == CLOSED
+                of_pair = (size for point, size in before.items() if point.pair is contact.pair)
+                self._largest_slip[contact] = max(slip, *of_pair) if regains else slip
                 # A pinned point, or one on a new feature that is about to stop, goes straight on: its slip has no direction
                 # of its own.
                 if stays or (slips_already and slip <= _STRAIGHT * _LEAST_SLIP_M_S):  # the latter on a new feature
@@ -465,6 +468,7 @@ def slipping_points(
     *,
     struck: bool,
     stops: bool = False,
+    pairs: Sequence[slice] = (),
 ) -> BoolArray:
     """Points that slip, (k,).
 
@@ -480,6 +484,7 @@ def slipping_points(
         drifts: Points that stick or begin to slide, (k,).
         struck: Whether the velocities are those after an impact.
         stops: Whether a sliding point is known to stop here.
+        pairs: Points of each two bodies.
     """
     # After an impact no point is known to stick: slips count as zero within what the impact law leaves (SOLVED).
     if struck:
@@ -490,7 +495,10 @@ def slipping_points(
     # A run locates a stop just below this speed. At the logged state a replay may find the slip above it, by rounding: the
     # pose of a grasped object is transferred to the motion and back, which changes it by 1e-15 m, and slips with it.
     if np.any(sliding & (slips <= (least + rounding if stops else least))):
-        least = np.where(sliding, close, least)
+        # Among the points of two bodies are some without load, and some that slide anew: their own scale says nothing.
+        for points in pairs:
+            close[points] = close[points].max()
+        least = np.where(drifts, least, close)
     # Twice what stops together: a point that has just stopped must not slip again at once. Within a step velocities of
     # sticking points drift by its truncation, as gap rates do (CLOSED_RATE).
     drift = np.maximum(2.0 * close, CLOSED_RATE / RATE * rounding)

@@ -322,3 +322,48 @@ def test_points_that_stick_outside_their_cones_fail_a_check(tmp_path, monkeypatc
     run = ffsm_mj.run(on_floor(tmp_path, mu=mu, **slope))
     assert set(run["contact.sole_mode"]) == {3.0}
     assert failures(run.log) == ({"contact complementarity"} if mu < 0.2 else set())
+
+
+def cap(velocity, spin, mu):
+    """The choice for eight points of the rim of a cylinder of 2 kg that stands, slides and spins."""
+    angles = 0.25 * np.pi * np.arange(8)
+    at = np.column_stack((0.1 * np.cos(angles), 0.1 * np.sin(angles), np.full(8, -0.1)))
+    axes = np.eye(3)[[2, 0, 1]]  # normal and tangents
+    J = np.vstack([np.hstack((axes, np.cross(x, axes))) for x in at])
+    inverse_inertia = 1.0 / np.array([2.0, 2.0, 2.0, 0.008, 0.008, 0.01])
+    states = PointStates(
+        slips=velocity + spin * np.column_stack((-at[:, 1], at[:, 0])),
+        slipping=np.ones(8, dtype=bool),
+        kinds=np.full(8, UNKNOWN),
+        directions=np.zeros((8, 2)),
+        rounding=np.full(8, 1e-12),
+        released=False,
+    )
+    b = np.tile([-9.81, 0.0, 0.0], 8)
+    return ModeChoice(FrictionProblem(J * inverse_inertia @ J.T, b, np.full(8, mu)), states)
+
+
+@pytest.mark.parametrize(("mu", "low"), [(0.9, 0.1), (1.0, 0.8), (1.1, 0.2)])
+def test_points_of_a_cap_that_take_up_load_or_lose_it_have_modes(mu, low):
+    """A direction of slide at which the points that press change, to the last bit: both sides of it have valid modes.
+
+    Up to mu h = r cos(pi / 8), mu = 0.924, the centre of pressure, mu h forward, is inside the rim; beyond, the body tips
+    over an edge, and three points that press would be beyond Painleve's limit together.
+    """
+
+    def chosen(angle):
+        return cap(0.08 * np.array([math.cos(angle), math.sin(angle)]), 0.8, mu).choose()
+
+    high = low + 0.1
+    while chosen(low).kinds.tolist() == chosen(high).kinds.tolist():
+        high += 0.1
+    for _ in range(56):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if chosen(middle).kinds.tolist() == chosen(low).kinds.tolist() else (low, middle)
+    for angle in (low, high):
+        found = chosen(angle)
+        pushes, opens = found.forces[:, 0], found.accelerations[:, 0]
+        assert min(pushes.min(), opens.min()) > -1e-10
+        assert np.abs(pushes * opens).max() < 1e-9
+        if mu < math.cos(math.pi / 8.0):
+            assert pushes.sum() == pytest.approx(2.0 * 9.81, rel=1e-12)

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from tests.contact.unions.scenes import fixed, free, geoms, on
 from tests.contact_models.persistent.friction.scenes import block, final, load, pulled, sphere, sticks
 from tests.replays import proved
 
@@ -84,3 +85,28 @@ def test_a_foot_that_creeps_against_the_pull_begins_to_slide_once(tmp_path):
     slides = run.time > starts
     # The start is known to rounding of the forces, 1e-16 N, over 1 N/s: the velocity to much less than that of the drift.
     assert run["state.v_robot_x_m_s"][slides] == pytest.approx(0.5 * (run.time[slides] - starts) ** 2, abs=1e-15)
+
+
+@pytest.mark.long
+def test_slide_and_spin_of_a_cap_end_together(tmp_path):
+    """A cylinder that stands, slides and spins: all its energy is heat, its points stick at one instant, and no load rubs.
+
+    The load goes round the rim as the slide turns: points lose and regain it, and their own slips say nothing of the scale.
+    """
+    mass, velocity, spin, inertia = 1.888, np.array([0.0786, 0.0272]), -0.0675, (0.00773, 0.00773, 0.00822)
+    run = ffsm_mj.run(
+        on(
+            tmp_path / "run",
+            free('<geom name="g" type="cylinder" size="0.103 0.0972" mass="0"/>', mass=mass, inertia=inertia),
+            fixed(geoms([((-1.0, -0.8, -0.1), (1.0, 0.8, 0.0))])),
+            joints=[0.0, 0.0, 0.0972, 0.96, 0.0, 0.0, 0.28],
+            rates=[*velocity, 0.0, 0.0, 0.0, spin],
+            mu=0.728,
+            duration_s=0.02,
+        )
+    )
+    proved(run)
+    energy = 0.5 * (mass * velocity @ velocity + inertia[2] * spin**2)
+    assert run["balance.friction_heat_J"][-1] == pytest.approx(energy, rel=1e-12)
+    assert len(run.records["contact_sticks"]) == 1
+    assert run["contact.hit_friction_use"][-1] == 0.0
