@@ -356,7 +356,7 @@ class FrictionModes:
                 # A load that goes round a cap leaves each point for a while: its slip is the motion of the others.
                 regains = kinds_before.get(contact) == CLOSED
                 of_pair = (size for point, size in before.items() if point.pair is contact.pair)
-                self._largest_slip[contact] = max(slip, *of_pair) if regains else slip
+                self._largest_slip[contact] = max((slip, *of_pair)) if regains else slip
                 # A pinned point, or one on a new feature that is about to stop, goes straight on: its slip has no direction
                 # of its own.
                 if stays or (slips_already and slip <= _STRAIGHT * _LEAST_SLIP_M_S):  # the latter on a new feature
