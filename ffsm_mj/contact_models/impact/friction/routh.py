@@ -202,8 +202,10 @@ _TAU_END = 1e12
 """End of integration: never reached, since an event or the number of steps ends it before."""
 _MAX_STEPS = 3000
 """Steps of the solver after which a segment is given up: the impact is then solved without its path."""
-_ROUNDING = 1e-15
+ROUNDING = 1e-15
 """Absolute tolerance of integration, relative to the size of each component."""
+_BISECTIONS = 2000
+"""Most steps to a root: where it is next to the start, one of bisection for each power of two down to the smallest number."""
 _THETA, _LOG, _U_N, _WORK, _FRICTION = 0, 1, 5, 6, 7
 
 
@@ -227,7 +229,7 @@ def curved_slip(problem: Problem, path: Path, target: float | None) -> str:
     # Absolute tolerances follow the normal motion, so that a slow bounce with fast slip is as accurate as any other.
     bounce = max(abs(path.u_n), sqrt(2.0 * abs(path.normal_work)))
     sizes = np.array([1.0, 1.0, *4 * (bounce,), bounce**2, bounce * max(bounce, begin)])
-    event, y = _until_event(_rates(problem, begin), start, _events(target), _ROUNDING * sizes)
+    event, y = until_event(_rates(problem, begin), start, _events(target), ROUNDING * sizes)
     _put(path, y, begin)
     if event == STOP:
         s, pull = path.direction, problem.pull(path.direction)
@@ -269,24 +271,26 @@ def _events(target: float | None) -> dict[str, Callable[[FloatArray], float]]:
     return {**events, TURN: lambda y: -float(y[_U_N]), END: lambda y: float(y[_WORK]) - target}
 
 
-def _until_event(
+def until_event(
     rates: Callable[[float, FloatArray], list[float]],
     start: FloatArray,
     events: dict[str, Callable[[FloatArray], float]],
     rounding: FloatArray,
+    steps: int = _MAX_STEPS,
 ) -> tuple[str, FloatArray]:
     from scipy.integrate import LSODA
 
     # A stiff method: for slip that is slow compared with the bounce, its direction settles at once. The explicit DOP853
     # takes up to 1.8 s on such directions, and its interpolation put one event 2e-7 off.
     solver: Any = LSODA(rates, 0.0, start, _TAU_END, rtol=1e-13, atol=rounding)
-    before = start
-    for _ in range(_MAX_STEPS):
+    before, values = start, {name: value(start) for name, value in events.items()}
+    for _ in range(steps):
         solver.step()
         # Failure is no solution: the caller takes the law that needs no path instead.
         if solver.status != "running":
             return NONE, before
-        passed = [name for name, value in events.items() if value(before) <= 0.0 < value(solver.y)]
+        last, values = values, {name: value(solver.y) for name, value in events.items()}
+        passed = [name for name in events if last[name] <= 0.0 < values[name]]
         if passed:
             reached = {name: _rise(solver, events[name]) for name in passed}
             first = min(reached, key=lambda name: reached[name][0])
@@ -304,7 +308,7 @@ def _rise(solver: Any, value: Callable[[FloatArray], float]) -> tuple[float, Flo
         if (value(dense(end)) >= 0.0) == (end == solver.t_old):
             return end, dense(end)
     # Tau starts at zero and has no scale of its own: only a relative tolerance fits.
-    tau = brentq(lambda tau: value(dense(tau)), solver.t_old, solver.t, xtol=1e-300, rtol=1e-15)
+    tau = brentq(lambda tau: value(dense(tau)), solver.t_old, solver.t, xtol=1e-300, rtol=1e-15, maxiter=_BISECTIONS)
     return tau, dense(tau)
 
 
