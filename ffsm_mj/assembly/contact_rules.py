@@ -131,6 +131,7 @@ class ContactRule:
         between: Its two sides as written.
         restitution: Coefficient of restitution.
         mu: Coefficient of friction.
+        compliance_ratio: Tangential over normal compliance; 0: not stated.
         matched: Number of pairs that its sides name.
         ignored: Number of these that are ignored.
         geoms: Ids of the geoms a and b of its pairs: those that no later rule and no ignored contact takes.
@@ -140,6 +141,7 @@ class ContactRule:
     between: tuple[str, ...]
     restitution: float
     mu: float
+    compliance_ratio: float
     matched: int
     ignored: int
     geoms: tuple[tuple[int, int], ...]
@@ -222,6 +224,7 @@ class _Stated:
     config: ContactRuleConfig
     restitution: float
     mu: float
+    compliance_ratio: float
     pairs: Matrix
 
 
@@ -251,7 +254,9 @@ def _stated(rule: ContactRuleConfig, config: ContactsConfig, selector: GeomSelec
     sides = _sides(rule.between, selector)
     # Two geoms by name are a pair whatever the filters say, as a <pair> of an MJCF is.
     pairs = _named(sides, selector) if all(side.is_geom for side in sides) else _named(sides, selector) & can
-    return _Stated(rule, config.restitution_of(rule), config.mu_of(rule), pairs)
+    elastic = config.elastic_of(rule)
+    ratio = 0.0 if elastic is None else elastic.compliance_ratio
+    return _Stated(rule, config.restitution_of(rule), config.mu_of(rule), ratio, pairs)
 
 
 def _sides(names: Sequence[str], selector: GeomSelector) -> tuple[GeomSelection, GeomSelection]:
@@ -330,7 +335,8 @@ def _winners(stated: Sequence[_Stated], ignored: Matrix) -> tuple[ContactRule, .
         claimed |= left | left.T
         geoms = tuple((a, b) for a, b in np.argwhere(left).tolist())
         rule, matched, lost = stated_rule.config, int(stated_rule.pairs.sum()), int((stated_rule.pairs & ignored).sum())
-        rules.append(ContactRule(rule.name, rule.between, stated_rule.restitution, stated_rule.mu, matched, lost, geoms))
+        of_each = (stated_rule.restitution, stated_rule.mu, stated_rule.compliance_ratio)
+        rules.append(ContactRule(rule.name, rule.between, *of_each, matched, lost, geoms))
     return tuple(reversed(rules))
 
 
@@ -356,6 +362,7 @@ def _pairs(
     with Faults() as faults:
         for i, rule in enumerate(rules):
             united: dict[tuple[int, int], list[tuple[int, int]]] = {}
+            first = len(pairs)
             for a, b in rule.geoms:
                 fault = shape_fault(system, a) or shape_fault(system, b)
                 if fault and rule.matched > 1:
@@ -383,6 +390,8 @@ def _pairs(
                         pairs.append(_union_pair(system, sides, rule, geoms, names))
                     except TooThinError as error:
                         thin[error.source] = error.sentence
+            for pair in pairs[first:]:
+                pair.compliance_ratio = rule.compliance_ratio
         for geom, sentence in thin.items():
             faults.add(f"{names[geom]} {sentence}", "contacts", "weld_m")
     UnionPair.join_rules(pairs)

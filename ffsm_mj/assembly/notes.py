@@ -66,6 +66,7 @@ def rule_lines(contacts: Contacts) -> Iterator[str]:
 
 def _sentence(rule: ContactRule, contacts: Contacts) -> str:
     friction = f", mu = {rule.mu:g}" if rule.mu else ""
+    friction += f", k_t / k_n = {1.0 / rule.compliance_ratio:.4g}" if rule.compliance_ratio else ""
     count = len(rule.geoms)
     pairs = [pair for pair in contacts.pairs if pair.rule == rule.name]
     which = f"{pairs[0]}" if count == 1 and pairs else f"{count} pairs"

@@ -99,6 +99,7 @@ class ContactPair(Stateful):
         robot_on_object: Whether a belongs to the robot and b to an object, floating or fixed.
         restitution: Coefficient of restitution e.
         mu: Coefficient of friction.
+        compliance_ratio: Tangential over normal compliance, k_n / k_t; 0: rigid across the normal.
         geom_ids: Ids of both geoms.
         position_tolerance: Sum of the tolerances to which the points of both geoms are known, m: 0 except for meshes.
         flush_offset: Offset of round sides that lie along each other; see :func:`~ffsm_mj.contact.patch.flush_offset`.
@@ -117,6 +118,7 @@ class ContactPair(Stateful):
     has_pieces = False
     is_beside = False
     parts: tuple[Part | None, Part | None] = (None, None)
+    compliance_ratio: float = 0.0
 
     @dataclass
     class State:

@@ -84,7 +84,14 @@ def _impact(prepared: PreparedRun, nominal: Run, assembly: Assembly) -> _Event:
     pair = next(candidate for candidate in assembly.pairs if candidate.name == record.pair)
     data, force = _state_before(assembly, record)
     law, e = prepared.scenario.impact.law, record.restitution_used
-    hit = linearize(assembly.system.mj, data, pair, restitution=e, mu=record.mu, law=law, effort_before=force)
+    hit = linearize(
+        *(assembly.system.mj, data, pair),
+        restitution=e,
+        mu=record.mu,
+        compliance_ratio=record.compliance_ratio,
+        law=law,
+        effort_before=force,
+    )
     return _Event("impact", record.time_s, hit, record.rule)
 
 

@@ -101,7 +101,8 @@ class ImpactRecord:
     normal: Values = declared("Unit normal in world axes, from a to b.", components="xyz", column_after="point_m")
     manifold: str = declared("``point``, ``edge`` or ``face``.")
     law: str = declared(
-        "Impact law of the result; with friction ``stronge`` (one contact), ``coulomb`` or ``poisson`` (several)."
+        "Impact law of the result; with friction ``stronge`` or ``compliant`` (one contact), ``coulomb`` or ``poisson`` "
+        "(several)."
     )
     status: str = declared(
         "``ok``; ``energy_guard``: restitution reduced by ``theta`` to prevent a gain of energy; ``jammed``: bodies "
@@ -174,6 +175,11 @@ class ImpactRecord:
     compression_work_J: float = declared(
         "Work of the normal impulse until the end of compression, <= 0 for one contact with friction.",
         column_after="friction_work_J",
+        default=0.0,
+    )
+    compliance_ratio: float = declared(
+        "Tangential over normal compliance of the pair, k_n / k_t, for laws that use it; 0: rigid across the normal.",
+        column_after="compression_work_J",
         default=0.0,
     )
     rule: str = declared("Name of the contact rule of the pair.", column_after="pair", default="")

@@ -21,6 +21,39 @@ def _one_coefficient(mu: Any) -> Any:
 
 Mu = Annotated[float, Field(ge=0.0), BeforeValidator(_one_coefficient)]
 
+PoissonRatio = Annotated[float, Field(ge=0.0, le=0.5)]
+Modulus = Annotated[float, Field(gt=0.0)]
+
+
+class ElasticConfig(StrictModel):
+    """Elastic constants of the surfaces of a contact, for the impact law ``compliant``: how stiff it is across its normal.
+
+    The ratio of stiffnesses is that of Mindlin and Hertz, k_t / k_n = 4 G* / E* with 1 / G* = sum (2 - nu) / G and
+    1 / E* = sum (1 - nu^2) / E over the sides, G = E / (2 (1 + nu)): of one material it is 2 (1 - nu) / (2 - nu).
+    """
+
+    poisson_ratio: PoissonRatio | Annotated[tuple[PoissonRatio, ...], Field(min_length=2, max_length=2)]
+    """Poisson's ratio of both sides, or of each in the order of ``between``."""
+    young_modulus_Pa: Annotated[tuple[Modulus, ...], Field(min_length=2, max_length=2)] | None = None
+    """Young's modulus of each side in the order of ``between``, Pa; only their ratio counts. Sides with the same Poisson's
+    ratio need none."""
+
+    @model_validator(mode="after")
+    def _determines_the_ratio(self) -> ElasticConfig:
+        ratios = self.poisson_ratio
+        if isinstance(ratios, tuple) and ratios[0] != ratios[1] and self.young_modulus_Pa is None:
+            raise ValueError("two different Poisson's ratios need 'young_modulus_Pa' of both sides too")
+        return self
+
+    @property
+    def compliance_ratio(self) -> float:
+        """Tangential over normal compliance, k_n / k_t = E* / (4 G*), from 1 to 1.5."""
+        ratios = self.poisson_ratio if isinstance(self.poisson_ratio, tuple) else 2 * (self.poisson_ratio,)
+        sides = tuple(zip(ratios, self.young_modulus_Pa or (1.0, 1.0), strict=True))
+        across = sum((2.0 - nu) * (1.0 + nu) / modulus for nu, modulus in sides)
+        return 0.5 * across / sum((1.0 - nu * nu) / modulus for nu, modulus in sides)
+
+
 _REFUSED_FRICTION = {
     "static": "mu is the coefficient of friction of points that stick and of points that slide",
     "kinetic": "mu is the coefficient of friction of points that stick and of points that slide",
@@ -34,7 +67,7 @@ _REFUSED_FRICTION = {
 
 
 class ContactDefaultConfig(StrictModel):
-    """Restitution and friction of the contacts whose rule states none."""
+    """Restitution, friction and elastic constants of the contacts whose rule states none."""
 
     refused_keys: ClassVar = _REFUSED_FRICTION
 
@@ -42,6 +75,8 @@ class ContactDefaultConfig(StrictModel):
     """Coefficient of restitution e: 1 elastic, 0 plastic."""
     mu: Mu = 0.0
     """Coefficient of Coulomb friction; that of the MJCF is for MuJoCo's own contacts and is not used."""
+    elastic: ElasticConfig | None = None
+    """Elastic constants, which ``impact.law: compliant`` needs of each pair with friction."""
 
 
 class ContactRuleConfig(StrictModel):
@@ -61,6 +96,8 @@ class ContactRuleConfig(StrictModel):
     mu: Mu | None = None
     """Coefficient of Coulomb friction, at impacts and in persistent contact, of points that stick or slide; default: that of
     ``contacts.default``."""
+    elastic: ElasticConfig | None = None
+    """Elastic constants, for ``impact.law: compliant``; default: those of ``contacts.default``."""
     super_elastic: bool = False
     """Allow e > 1, an impact that gains energy (case c of the paper)."""
 
@@ -109,7 +146,7 @@ class ContactsConfig(StrictModel):
         default = info.data.get("default")
         if rules is None or default is None:
             return rules
-        unstated = [{key for key in ("restitution", "mu") if getattr(rule, key) is None} for rule in rules]
+        unstated = [{key for key in ("restitution", "mu", "elastic") if getattr(rule, key) is None} for rule in rules]
         return tuple(
             rule.model_copy(update={key: getattr(default, key) for key in keys})
             for rule, keys in zip(rules, unstated, strict=True)
@@ -122,3 +159,7 @@ class ContactsConfig(StrictModel):
     def mu_of(self, rule: ContactRuleConfig) -> float:
         """Coefficient of friction of a rule."""
         return self.default.mu if rule.mu is None else rule.mu
+
+    def elastic_of(self, rule: ContactRuleConfig) -> ElasticConfig | None:
+        """Elastic constants of a rule; None if they are not stated."""
+        return self.default.elastic if rule.elastic is None else rule.elastic

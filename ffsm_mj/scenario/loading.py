@@ -444,12 +444,19 @@ def _impact_law_faults(scenario: ScenarioConfig) -> list[Fault]:
         faults.append(Fault(fault, ("impact", "law")))
     friction = f"'impact.law: {law.name}' does not cover friction; let mu be 0, or the law 'blend' or 'poisson'"
     super_elastic = f"'impact.law: {law.name}' does not cover super-elastic impacts (e > 1)"
+    elastic = f"'impact.law: {law.name}' needs the elastic constants where mu > 0, as 'elastic: {{poisson_ratio: 0.3}}'"
+    # Without rules every pair has the default.
+    rough = contacts.default.mu > 0.0 and contacts.default.elastic is None
+    if law.covers.compliance and contacts.rules is None and rough:
+        faults.append(Fault(elastic, ("contacts", "default")))
     if contacts.default.mu > 0.0 and not law.covers.friction:
         faults.append(Fault(friction, ("contacts", "default", "mu")))
     for i, rule in enumerate(contacts.rules or ()):
         # A rule that states no mu has that of the default, whose fault is listed above.
         if contacts.mu_of(rule) not in (0.0, contacts.default.mu) and not law.covers.friction:
             faults.append(Fault(friction, ("contacts", "rules", i, "mu")))
+        if law.covers.compliance and contacts.mu_of(rule) > 0.0 and contacts.elastic_of(rule) is None:
+            faults.append(Fault(elastic, ("contacts", "rules", i)))
         if contacts.restitution_of(rule) > 1.0 and not law.covers.super_elastic:
             faults.append(Fault(super_elastic, ("contacts", "rules", i, "restitution")))
         if contacts.restitution_of(rule) > 1.0 and contacts.mu_of(rule) > 0.0:

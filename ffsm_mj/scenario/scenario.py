@@ -161,7 +161,8 @@ class ImpactConfig(StrictModel):
     """Impact law, and limits of impact resolution."""
 
     law: LawName = "blend"
-    """An installed impact law; the built-in ones differ where several contacts meet at once. No ``newton`` with mu."""
+    """An installed impact law; ``blend``, ``poisson`` and ``newton`` differ where several contacts meet at once. No
+    ``newton`` with mu. ``compliant`` is of one contact, with the elastic constants of its rule."""
     rest_interval_s: Annotated[float, Field(ge=0.0)] | None = None
     """A contact with e < 1 becomes persistent when its next bounce would be shorter, s; default: time_step_s."""
     rest_speed_m_s: Annotated[float, Field(ge=0.0)] = 0.0

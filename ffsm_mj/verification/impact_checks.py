@@ -344,7 +344,8 @@ def _by_law(event: Sequence[_Record], met: _CheckedImpact) -> Iterator[float]:
     if len(contacts) < len(event):
         return  # only contacts are passed to the law
     e = np.array([record.restitution_used for record in event])
-    problem = ImpactProblem.mass_weighted(met.A, met.before, e, _coefficients(event))
+    ratios = np.array([record.compliance_ratio for record in contacts])
+    problem = ImpactProblem.mass_weighted(met.A, met.before, e, _coefficients(event), ratios)
     yield from law_of_record(event[0].law).friction_residuals(contacts, problem, met.impulses)
 
 

@@ -1,7 +1,8 @@
 """Impact laws: their interface with the checks of a law on its records, the built-in ones, and laws by name.
 
 See ``docs/impact-laws.md``. The built-in laws are ``blend``, ``poisson`` and ``newton``: one closed form for one contact,
-three laws for several contacts. The mathematics is in :mod:`ffsm_mj.contact_models.impact.laws` and, with friction, in
+three laws for several contacts; and ``compliant``, of one contact with friction and tangential compliance. The mathematics
+is in :mod:`ffsm_mj.contact_models.impact.laws` and, with friction, in
 :mod:`ffsm_mj.contact_models.impact.friction`.
 
 A package provides a law through the entry-point group ``ffsm_mj.impact_laws``: the name of the entry point is the name of
@@ -37,11 +38,13 @@ class Coverage:
         several: More than one contact at one instant.
         friction: Contacts with mu > 0.
         super_elastic: e > 1, for one contact without friction.
+        compliance: Tangential compliance: a scenario must state that of each pair with friction.
     """
 
     several: bool = True
     friction: bool = False
     super_elastic: bool = False
+    compliance: bool = False
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,7 @@ class ImpactProblem:
         qvel: Velocities before the impact, (n,).
         restitution: Coefficients e, (k,). 0 requires a plastic impact: the contact stays closed.
         mu: Coefficients of Coulomb friction, (k,).
+        compliance_ratio: Tangential over normal compliance, k_n / k_t, (k,); 0: rigid across the normal.
     """
 
     M: FloatArray
@@ -65,11 +69,14 @@ class ImpactProblem:
     qvel: FloatArray
     restitution: FloatArray
     mu: FloatArray
+    compliance_ratio: FloatArray
 
     @classmethod
-    def mass_weighted(cls, A: FloatArray, w: FloatArray, restitution: FloatArray, mu: FloatArray) -> ImpactProblem:
+    def mass_weighted(
+        cls, A: FloatArray, w: FloatArray, restitution: FloatArray, mu: FloatArray, compliance_ratio: FloatArray
+    ) -> ImpactProblem:
         """The problem in coordinates in which the mass matrix is the identity."""
-        return cls(np.eye(len(w)), A, w, restitution, mu)
+        return cls(np.eye(len(w)), A, w, restitution, mu, compliance_ratio)
 
     @property
     def with_friction(self) -> bool:
@@ -89,7 +96,8 @@ class ImpactProblem:
     def of(self, which: IntArray) -> ImpactProblem:
         """The problem of some contacts alone."""
         rows = (3 * which[:, None] + np.arange(3)).ravel() if self.with_friction else which
-        return ImpactProblem(self.M, self.J[rows], self.qvel, self.restitution[which], self.mu[which])
+        of_each = (self.restitution[which], self.mu[which], self.compliance_ratio[which])
+        return ImpactProblem(self.M, self.J[rows], self.qvel, *of_each)
 
     @cached_property
     def speeds(self) -> FloatArray:
@@ -276,7 +284,7 @@ def uncovered(law: ImpactLaw, problem: ImpactProblem) -> str:
     if several and super_elastic:
         return "super-elastic impacts (e > 1) are for one contact at a time"
     if several and not law.covers.several:
-        return f"impact law {law.name!r} does not cover several contacts at one instant"
+        return f"impact law {law.name!r} does not cover several contacts at one instant; use 'blend' or 'poisson'"
     if super_elastic and not law.covers.super_elastic:
         return f"impact law {law.name!r} does not cover super-elastic impacts (e > 1)"
     return ""
@@ -310,11 +318,12 @@ class _BuiltIn(ImpactLaw):
     def friction_residuals(
         self, event: Sequence[ImpactRecord], problem: ImpactProblem, impulses: FloatArray
     ) -> Iterator[float]:
-        """For one contact under Stronge's law, the works also satisfy the energetic definition of restitution."""
+        """For one contact by its path, the works also satisfy the energetic definition of restitution."""
         yield from super().friction_residuals(event, problem, impulses)
         contact = event[0]
-        if len(event) == 1 and contact.law == "stronge":
-            # Friction opposes slip all along Routh's path, so its work is never positive.
+        if len(event) == 1 and contact.law in ("stronge", "compliant"):
+            # Friction opposes slip all along the path, and no spring across it keeps or gains energy: its work is never
+            # positive.
             yield max(contact.friction_work_J, 0.0)
             if contact.status != "wedged":  # e^2 = -W_restitution / W_compression; wedged: no restitution
                 yield abs(contact.normal_work_J - (1.0 - contact.restitution_used**2) * contact.compression_work_J)
@@ -351,8 +360,23 @@ class Newton(_BuiltIn):
     covers: ClassVar[Coverage] = Coverage(super_elastic=True)
 
 
+class Compliant(_BuiltIn):
+    """One contact with a spring and a slider across the normal; ``stronge`` where it locks or has no such spring."""
+
+    name: ClassVar[str] = "compliant"
+    covers: ClassVar[Coverage] = Coverage(several=False, friction=True, super_elastic=True, compliance=True)
+    rules: ClassVar[tuple[str, ...]] = ("stronge", "poisson")
+
+    def _with_friction(self, problem: ImpactProblem) -> ImpactSolution:
+        from ffsm_mj.contact_models.impact.friction.laws import impact_with_compliance
+
+        of_one = (problem.mu[0], problem.restitution[0], problem.compliance_ratio[0])
+        solution = impact_with_compliance(problem.A, problem.w, *map(float, of_one))
+        return ImpactSolution(solution.impulses[:, 0], solution.status, solution.law, solution)
+
+
 GROUP = "ffsm_mj.impact_laws"
-_BUILT_IN: dict[str, ImpactLaw] = {law.name: law for law in (Blend(), Poisson(), Newton())}
+_BUILT_IN: dict[str, ImpactLaw] = {law.name: law for law in (Blend(), Poisson(), Newton(), Compliant())}
 _REGISTERED = dict(_BUILT_IN)
 
 

@@ -65,6 +65,7 @@ def linearize(
     *,
     restitution: float | None = None,
     mu: float | None = None,
+    compliance_ratio: float | None = None,
     law: str = "blend",
     effort_before: FloatArray | None = None,
     effort_after: FloatArray | None = None,
@@ -77,6 +78,7 @@ def linearize(
         pair: The two geoms.
         restitution: Coefficient of restitution; None: that of the pair. Above 1 is refused as in :func:`resolve`.
         mu: Coefficient of friction; None: that of the pair.
+        compliance_ratio: Tangential over normal compliance; None: that of the pair.
         law: Name of the impact law.
         effort_before: Generalised forces of actuators and external fields just before, (nv,); None: there are none.
         effort_after: Those just after; None: there are none.
@@ -85,7 +87,9 @@ def linearize(
         UnsupportedContactError: The geoms touch in an edge or a face, do not approach, or a neighbouring impact passes
             through other contact modes: there is no derivative.
     """
-    event = _Event(model, data, pair, pair.restitution if restitution is None else restitution, _mu(pair, mu), law)
+    e = pair.restitution if restitution is None else restitution
+    across = pair.mu if mu is None else mu, pair.compliance_ratio if compliance_ratio is None else compliance_ratio
+    event = _Event(model, data, pair, e, *across, law)
     nv, qpos, qvel = model.nv, np.array(data.qpos), np.array(data.qvel)
     impact = event.impact(qpos, qvel)
     J = event.row(qpos)
@@ -122,10 +126,6 @@ def linearize(
         f_after=f_after,
         impact=impact,
     )
-
-
-def _mu(pair: ContactPair, mu: float | None) -> float:
-    return pair.mu if mu is None else mu
 
 
 class SmoothEvent:
@@ -178,10 +178,13 @@ class SmoothEvent:
 class _Event(SmoothEvent):
     """The impact of a pair as a function of the state."""
 
-    def __init__(self, model: Any, data: Any, pair: ContactPair, restitution: float, mu: float, law: str) -> None:
+    def __init__(
+        self, model: Any, data: Any, pair: ContactPair, restitution: float, mu: float, compliance_ratio: float, law: str
+    ) -> None:
         super().__init__(model)
         mujoco.mj_copyData(self._data, model, data)
         self._pair, self._e, self._mu, self._law = pair, restitution, mu, law
+        self._compliance_ratio = compliance_ratio
         self._path: str | None = None
 
     def impact(self, qpos: FloatArray, qvel: FloatArray, restitution: float | None = None) -> Impact:
@@ -233,7 +236,8 @@ class _Event(SmoothEvent):
         # Of an edge or face that lands flat a neighbour touches with one corner first, and which one depends on the change.
         if len(near.points) > 1:
             raise UnsupportedContactError(f"{pair}: {len(near.points)} contact points at one instant: no derivative exists")
-        return Contact(pair.body_a, pair.body_b, near.points[0], near.normal, restitution, self._mu)
+        of_pair = (restitution, self._mu, self._compliance_ratio)
+        return Contact(pair.body_a, pair.body_b, near.points[0], near.normal, *of_pair)
 
     def outcome(self, qpos: FloatArray, qvel: FloatArray, restitution: float | None = None) -> FloatArray:
         """Velocity after, and impulse, (nv + 1,)."""

@@ -133,6 +133,7 @@ def _at_point(
         impulse_N_s=float(impact.impulses[i]),
         angular_impulse_N_m_s=tuple(moment.tolist()),
         mu=pair.mu,
+        compliance_ratio=pair.compliance_ratio,
         rule=pair.rule,
         gap_m=near.gap,
         **_friction(impact, i),

@@ -88,7 +88,8 @@ def _contact(record: _Record, pair: UnilateralConstraint, scene: Scene) -> Conta
     """Contact of a record."""
     if isinstance(record, ImpactRecord):
         point, normal = np.array(record.point_m), np.array(record.normal)
-        return Contact(pair.body_a, pair.body_b, point, normal, record.restitution, record.mu)
+        of_pair = (record.restitution, record.mu, record.compliance_ratio)
+        return Contact(pair.body_a, pair.body_b, point, normal, *of_pair)
     assert pair.is_limit  # by its name
     row = pair.row(scene.system.mj, scene.data).tolist() if isinstance(pair, TendonLimit) else ()
     return LimitContact(pair.dof, pair.sign, record.restitution, tuple(row))

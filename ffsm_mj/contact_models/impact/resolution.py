@@ -49,6 +49,8 @@ class Contact:
         normal: Unit normal from the first body to the second in world axes, (3,).
         restitution: Coefficient e: 1 elastic, 0 plastic, above 1 super-elastic (the paper's case c).
         mu: Coefficient of Coulomb friction, >= 0.
+        compliance_ratio: Tangential over normal compliance, k_n / k_t, >= 0, for laws that use it; 0: rigid across the
+            normal.
     """
 
     body_a: int
@@ -57,6 +59,7 @@ class Contact:
     normal: FloatArray
     restitution: float = 1.0
     mu: float = 0.0
+    compliance_ratio: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -75,6 +78,7 @@ class LimitContact:
     restitution: float = 0.0
     row: tuple[float, ...] = ()
     mu: ClassVar[float] = 0.0
+    compliance_ratio: ClassVar[float] = 0.0
 
 
 def contact_jacobian(model: Any, data: Any, contact: Contact | LimitContact) -> FloatArray:
@@ -153,7 +157,8 @@ def as_contact(
         # vector.
         row = pair.row(motion.model, motion.data, motion.dofs).tolist() if isinstance(pair, TendonLimit) else ()
         return LimitContact(motion.dofs[pair.dof], pair.sign, restitution, tuple(row))
-    return Contact(motion.bodies[pair.body_a], motion.bodies[pair.body_b], point, near.normal, restitution, pair.mu)
+    bodies = motion.bodies[pair.body_a], motion.bodies[pair.body_b]
+    return Contact(*bodies, point, near.normal, restitution, pair.mu, pair.compliance_ratio)
 
 
 def recall_points(pairs: Mapping[str, ContactPair], records: Sequence[Any], data: Any) -> None:
@@ -270,11 +275,13 @@ def resolve_with_friction(
     """
     order = sorted(range(len(contacts)), key=lambda i: _sort_key(contacts[i]))
     placed = [contacts[i] for i in order]
-    e, mu = (np.array([getattr(contact, name) for contact in placed]) for name in ("restitution", "mu"))
+    e, mu, ratios = (
+        np.array([getattr(contact, name) for contact in placed]) for name in ("restitution", "mu", "compliance_ratio")
+    )
     # Tangents depend on the normal alone, so that no choice depends on the order of contacts, or on the step before.
     axes = np.array([_tangents(contact) for contact in placed])
     J = np.concatenate([contact_rows(model, data, one, across) for one, across in zip(placed, axes, strict=True)])
-    problem = ImpactProblem(M, *with_loops(J, qvel, constrained), e, mu)
+    problem = ImpactProblem(M, *with_loops(J, qvel, constrained), e, mu, ratios)
     solution = solve_impact(law, problem)
     solved = friction_of(law, solution)
     # Only the change is transformed back from mass-weighted velocities: bodies without impulse keep theirs bit for bit.
@@ -383,9 +390,9 @@ def resolve(
         model: Any MuJoCo model.
         data: Its state at the time of impact.
         contacts: All contact points, and joints at their limits.
-        law: Name of the impact law: ``blend``, ``poisson``, ``newton`` or an installed one. The built-in laws agree for one
-            contact without friction. With friction, one contact is solved by ``stronge``; several contacts, for ``blend``,
-            by ``coulomb``.
+        law: Name of the impact law: ``blend``, ``poisson``, ``newton``, ``compliant`` or an installed one. The built-in laws
+            agree for one contact without friction. With friction, one contact is solved by ``stronge``, unless the law is
+            ``compliant``; several contacts, for ``blend``, by ``coulomb``.
         constrained: Rows of velocities less what closed loops hold, (m, nv), as a function of the rows; see
             :meth:`~ffsm_mj.dynamics.motion.Motion.constrained`. None: there are no closed loops.
 
@@ -441,7 +448,7 @@ def _frictionless(
         e: Coefficients of restitution, (k,).
         law: The impact law.
     """
-    problem = ImpactProblem(M, J, seen, e, np.zeros(len(e)))
+    problem = ImpactProblem(M, J, seen, e, *np.zeros((2, len(e))))
     solution = solve_impact(law, problem)
     # Only the change is transformed back from mass-weighted velocities: bodies without impulse keep theirs bit for bit.
     # One contact needs no factor of M: its response to a unit impulse is known.

@@ -182,7 +182,8 @@ def _from_records(assembly: Assembly, records: Sequence[ImpactRecord]) -> Target
     e, outward = record.restitution_used, np.array(record.normal) * (1.0 if on_robot[0] else -1.0)
     # The root finder leaves a gap of rounding, which configurations must not inherit: half of it is each side's.
     point = np.array(record.point_m) + 0.5 * record.gap_m * outward
-    contact = Contact(pair.body_a, pair.body_b, point, np.array(record.normal), e, record.mu)
+    of_pair = (e, record.mu, record.compliance_ratio)
+    contact = Contact(pair.body_a, pair.body_b, point, np.array(record.normal), *of_pair)
     ignored, law = assembly.contacts.ignored, assembly.scenario.impact.law
     target = Target(
         model_copy, pair, contact, np.array(record.qpos), qvel, np.zeros(3), np.zeros(3), law, ignored, record.time_s

@@ -9,27 +9,27 @@ d = s / |s| and rho = k_n / k_t,
 
 in units where k_n = 1: only rho matters. Restitution is Stronge's: after the largest force f_c the contact unloads along the
 stiffness kappa = 1 / e^2 (1 before), which returns e^2 of the work of compression; it loads along the same line again, up
-to f_c, should the bodies approach once more. The contact ends at f = 0. There |s| <= rho mu f is zero too: nothing is left in
-the tangential spring. With e = 0 it ends at f_c, and the slider takes what the spring holds. No part of the path gains energy:
-the works are -(1 - e^2) f_c^2 / 2 and minus that of the slider. rho -> 0 is the law of Routh and Stronge.
+to f_c, should the bodies approach once more. The contact ends at f = 0, where |s| <= rho mu f is zero too: nothing is left
+in the tangential spring. With e = 0 it ends at f_c, and the slider takes what the spring holds. No part of the path gains
+energy: the works are -(1 - e^2) f_c^2 / 2 and minus that of the slider. rho -> 0 is the law of Routh and Stronge.
 
-Where the slider holds, the motion is one of three oscillators in the modes of K^1/2 G K^1/2. Where it slips along a line,
-velocities are linear in p_n and the stored energy E = f^2 / (2 kappa) is quadratic. Where the direction d = (cos a, sin a)
-of its slip turns, dp_n = 2 mu rho kappa E dtau removes the singularity at E = 0:
+Where the slider holds, the motion is that of three oscillators. Where it slips along a line, velocities are linear in p_n
+and the stored energy E = f^2 / (2 kappa) is quadratic. Where the direction d = (cos a, sin a) of its slip turns, it is
+integrated, with dp_n = E dtau / b, which removes the singularity at E = 0, and a speed b of the bounce:
 
-    a' = u_t x d,  (ln E)' = -2 mu rho kappa u_n,  p_n' = 2 mu rho kappa E,  p_t' = -mu d p_n'
+    a' = d x u_t / (2 mu rho kappa b),  (ln E)' = -u_n / b,  p_n' = E / b,  p_t' = -mu d p_n'
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
-from math import atan2, cbrt, cos, exp, hypot, inf, log, pi, sin, sqrt
+from math import atan2, cos, exp, hypot, inf, log, pi, sin, sqrt
 
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact_models.impact.friction.oscillation import Modes, Oscillation
 from ffsm_mj.contact_models.impact.friction.result import FrictionResult, Status, clip_to_cone
 from ffsm_mj.contact_models.impact.friction.routh import ROUNDING, until_event
 from ffsm_mj.contact_models.impact.laws import IMMOVABLE
@@ -47,140 +47,24 @@ _PLASTIC = 1e-12
 _LINE = 1e-13
 """Slip whose direction changes by less than this share is along a line: some hundred EPSILON."""
 _BEGUN = 1e-8
-"""Share E of the stored energy over that of the bounce below which slip is along a line.
+"""Share E of the stored energy over that of the bounce up to which slip that follows u_t is along a line.
 
-The impulse of such a step is as small a share of the whole. At the start d follows u_t, which turns by a share E, so the
-impulse misses E^2 of the whole; at the end what d and u_t are apart comes to it.
+The impulse of such a step is as small a share of the whole, and u_t turns by E: the impulse misses E^2. What d and u_t are
+apart at the end comes to it, so the product of both is held to E^2.
+"""
+_STIFF, _NUDGE = 100.0, 1e-9
+"""Stiffness from which on, and angle by which, slip starts beside its direction, to which it returns at once.
+
+The impulse misses the product of the angle and of the share of the contact in which it returns, the inverse of the stiffness.
 """
 _STEPS = 20_000
 """Most steps of the solver in a segment: the direction of slip is stiff where k_t is large."""
 _LARGEST = 50.0
 """Logarithm of stored energy that no impact reaches: a first step of the solver, tried and refused, may lead beyond."""
-_SEGMENTS = 1000
+_SEGMENTS = 200
 """Largest number of segments; random contacts have up to twenty, and stiff tangential springs slip once in each period."""
 _PERIODS = 10.0
 """Slowest periods after which a contact whose slider holds counts as locked: its force would oscillate for ever."""
-_NEWTON = 100
-"""Largest number of Newton's steps for a zero of a cubic, which converge quadratically."""
-_SAFE_STEPS = 20_000
-"""Largest number of steps to a zero, of which a period of the fastest mode takes about ten."""
-
-
-@dataclass(frozen=True)
-class _Modes:
-    """Free oscillation of a contact whose slider holds, for one stiffness kappa of the normal spring.
-
-    Attributes:
-        roots: Square roots of the stiffnesses, (3,): (kappa, 1 / rho, 1 / rho)^1/2.
-        frequencies: Angular frequencies, ascending, (3,); zero for what does not move.
-        axes: Modes of K^1/2 G K^1/2 as columns, (3, 3).
-    """
-
-    roots: FloatArray
-    frequencies: FloatArray
-    axes: FloatArray
-
-    @classmethod
-    def of(cls, G: FloatArray, kappa: float, rho: float) -> _Modes:
-        roots = np.sqrt([kappa, 1.0 / rho, 1.0 / rho])
-        values, axes = np.linalg.eigh(roots[:, None] * G * roots)
-        # A combination of forces that moves nothing has an eigenvalue of rounding, which would be a slow oscillation.
-        values[values < CANCELLED * values[-1]] = 0.0
-        return cls(roots, np.sqrt(values), axes)
-
-
-@dataclass(frozen=True)
-class _Oscillation:
-    """Motion from a state on, t = 0, until the slider slips.
-
-    Attributes:
-        modes: Its modes.
-        sines: Amplitudes of sin(omega t), (3,).
-        cosines: Amplitudes of cos(omega t), (3,).
-    """
-
-    modes: _Modes
-    sines: FloatArray
-    cosines: FloatArray
-
-    @classmethod
-    def begin(cls, modes: _Modes, force: FloatArray, u: FloatArray) -> _Oscillation:
-        """From the force (f, -s / rho), (3,), and the velocity, (3,)."""
-        at, rate = -modes.axes.T @ (force / modes.roots), modes.axes.T @ (modes.roots * u)
-        moves = modes.frequencies > 0.0
-        return cls(modes, np.divide(rate, modes.frequencies, out=np.zeros(3), where=moves), at)
-
-    @property
-    def swing(self) -> float:
-        """Bound on the part of the force that oscillates."""
-        moves = self.modes.frequencies > 0.0
-        parts = np.abs(self.modes.roots[:, None] * self.modes.axes)[:, moves]
-        return float((parts @ np.hypot(self.sines, self.cosines)[moves]).max())
-
-    @cached_property
-    def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Bounds on the normal force and on the size of the tangential one, with derivatives up to the fourth, (5,) each."""
-        sizes = np.hypot(self.sines, self.cosines) * self.modes.frequencies ** np.arange(5)[:, None]
-        parts = np.abs(self.modes.roots[:, None] * self.modes.axes)
-        return sizes @ parts[0], sizes @ np.hypot(parts[1], parts[2])
-
-    def forces(self, time: float) -> list[list[float]]:
-        """Forces and their first three derivatives at a time, (4, 3)."""
-        w = self.modes.frequencies
-        c, s = np.cos(w * time), np.sin(w * time)
-        at, rate = self.sines * s + self.cosines * c, w * (self.sines * c - self.cosines * s)
-        modal = np.array((at, rate, -w * w * at, -w * w * rate))
-        forces: list[list[float]] = (-modal @ self.modes.axes.T * self.modes.roots).tolist()
-        return forces
-
-    def impulse(self, time: float) -> FloatArray:
-        """Integral of the force, (3,)."""
-        w, moves = self.modes.frequencies, self.modes.frequencies > 0.0
-        # 1 - cos without cancellation; what does not move keeps its force.
-        modal = self.sines * 2.0 * np.sin(0.5 * w * time) ** 2 + self.cosines * np.sin(w * time)
-        modal = np.divide(modal, w, out=self.cosines * time, where=moves)
-        return np.asarray(-self.modes.roots * (self.modes.axes @ modal))
-
-
-def _first_zero(jet: Callable[[float], tuple[float, float, float]], third: float, most: float) -> float:
-    """The first time at which a function falls to zero, at most ``most``; infinite if it does not.
-
-    From each time the function stays positive for as long as its Taylor polynomial does less the bound on its remainder, so
-    that no zero is stepped over; near one these steps are Newton's. It may begin at zero, and rise.
-
-    Args:
-        jet: The function with its first two derivatives.
-        third: Bound on the size of the third.
-        most: End of the search.
-    """
-    time = 0.0
-    for _ in range(_SAFE_STEPS):
-        value, rate, bend = jet(time)
-        step = _safe_step(max(value, 0.0), rate, bend, third)
-        if step <= 4e-16 * time or (step == 0.0 and value <= 0.0):
-            return time
-        time += step
-        if time >= most:
-            return inf
-    return inf
-
-
-def _safe_step(value: float, rate: float, bend: float, third: float) -> float:
-    """A time up to which value + rate t + bend t^2 / 2 - third t^3 / 6 stays positive: near a zero its zero, to rounding."""
-    if rate >= 0.0 and bend >= 0.0:
-        return max(cbrt(6.0 * value / third), sqrt(6.0 * rate / third), 3.0 * bend / third)
-    # Without a bend that is positive the cubic is concave, and its one zero below this time: Newton's method from there on
-    # is monotone.
-    bend = min(bend, 0.0)
-    step = cbrt(12.0 * value / third) + sqrt(12.0 * max(rate, 0.0) / third)
-    for _ in range(_NEWTON):
-        slope = rate + step * (bend - 0.5 * third * step)
-        below = value + step * (rate + step * (0.5 * bend - third * step / 6.0))
-        # Past the zero by rounding, or at it.
-        if below >= 0.0 or slope >= 0.0:
-            break
-        step -= below / slope
-    return max(step, 0.0)
 
 
 def _root(stored: float, u_n: float, rate: float) -> float:
@@ -212,6 +96,7 @@ class _Path:
         peak: Largest normal force, at the end of compression.
         compressing: Whether the normal spring loads for the first time to its force.
         modes: Names of what the slider did.
+        here: Events that took place here, since the last impulse.
     """
 
     G: FloatArray
@@ -227,6 +112,7 @@ class _Path:
     peak: float = 0.0
     compressing: bool = True
     modes: list[str] = field(default_factory=list)
+    here: set[str] = field(default_factory=set)
 
     @property
     def kappa(self) -> float:
@@ -245,22 +131,27 @@ class _Path:
 
     def run(self) -> Status:
         """Follow the path to its end; returns the status."""
-        self._modes_of: dict[bool, _Modes] = {}
+        self._modes_of: dict[bool, Modes] = {}
         speed = hypot(self.u0[1], self.u0[2])
         # The spring stretches at the rate of slip, its limit rho mu f at that of the approach: the faster one decides.
         self._go_on(self.u0[1:] / speed if speed > self.rho * self.mu * abs(self.u0[0]) else None)
-        event = ""
         for _ in range(_SEGMENTS):
-            event = self._hold(event) if self.direction is None else self._slip(self.direction, event)
+            before = float(self.impulse[0])
+            event = self._hold() if self.direction is None else self._slip(self.direction)
+            # Where bodies have a single relative motion all events of a turn are one: they are told apart by rounding only.
+            moved = float(self.impulse[0]) - before > CANCELLED * before
+            self.here = {event} if moved else {event, *self.here}
             if event == END or (event == TURN and self.e < _PLASTIC):
+                return "ok"
+            # Without slip before, the slider holds until both forces are zero: its slip there would be rounding.
+            if event == SLIP and not self.compressing and self.force <= RANK * self.peak:
                 return "ok"
             if event in (TURN, LOAD):
                 self.compressing = event == LOAD
             elif event == NONE:
                 break
             else:
-                length = hypot(*self.stretch)
-                self._go_on(self.stretch / length if event == SLIP and length > 0.0 else None)
+                self._go_on(self.stretch / hypot(*self.stretch) if event == SLIP else None)
         return "unconverged"
 
     def _go_on(self, direction: FloatArray | None) -> None:
@@ -269,48 +160,22 @@ class _Path:
         slips = "slip" if direction is None or direction @ self.u0[1:] >= 0.0 else "reverse slip"
         self.modes.append("stick" if direction is None else slips)
 
-    def _hold(self, last: str) -> str:
-        """Go on from an event to the next one with a slider that holds; returns it."""
+    def _hold(self) -> str:
+        """Go on to the next event with a slider that holds; returns it."""
         if self.compressing not in self._modes_of:
-            self._modes_of[self.compressing] = _Modes.of(self.G, self.kappa, self.rho)
+            self._modes_of[self.compressing] = Modes.of(self.G, self.kappa, self.rho)
         modes = self._modes_of[self.compressing]
-        motion = _Oscillation.begin(modes, np.append(self.force, self.stretch / -self.rho), self.u)
-        along, across = motion.bounds
+        motion = Oscillation.begin(modes, np.append(self.force, self.stretch / -self.rho), self.u)
         # Friction and springs that balance where nothing moves any more hold the contact closed for ever.
-        if motion.swing <= SOLVED * float(along[0]):
+        if motion.swing <= SOLVED * float(motion.bounds[0][0]):
             return NONE
-        most = _PERIODS * 2.0 * pi / min(modes.frequencies[modes.frequencies > 0.0].tolist())
-
-        def normal(order: int) -> Callable[[float], tuple[float, float, float]]:
-            def jet(time: float) -> tuple[float, float, float]:
-                value, rate, bend = (row[0] for row in motion.forces(time)[order : order + 3])
-                return value, rate, bend
-
-            return jet
-
-        def below(time: float) -> tuple[float, float, float]:
-            """Largest force less the force: both it and its rate are zero as compression ends."""
-            f, rate, bend = normal(0)(time)
-            return (0.0, 0.0, -bend) if last == TURN and time == 0.0 else (self.peak - f, -rate, -bend)
-
-        def margin(time: float) -> tuple[float, float, float]:
-            """(mu f)^2 - |s / rho|^2."""
-            (f, *t), (f1, *t1), (f2, *t2), _ = motion.forces(time)
-            square = self.mu * self.mu
-            bend = 2.0 * (square * (f1 * f1 + f * f2) - _dot(t1, t1) - _dot(t, t2))
-            # Where the slider has just stopped both are zero: by rounding it would slip again at once.
-            if last == HOLD and time == 0.0:
-                return 0.0, 0.0, bend
-            return square * f * f - _dot(t, t), 2.0 * (square * f * f1 - _dot(t, t1)), bend
-
-        ahead = {}
+        ahead, most = {}, _PERIODS * 2.0 * pi / min(modes.frequencies[modes.frequencies > 0.0].tolist())
         if self.compressing:
-            ahead[TURN] = _first_zero(normal(1), along[4], most)  # f' = -u_n
+            ahead[TURN] = motion.peaks(most)
         else:
-            ahead[END] = _first_zero(normal(0), along[3], most)
-            ahead[LOAD] = _first_zero(below, along[3], min(most, ahead[END]))
-        third = 2.0 * float(self.mu**2 * _third(along) + _third(across))
-        ahead[SLIP] = _first_zero(margin, third, min(most, *ahead.values()))
+            ahead[END] = motion.vanishes(most)
+            ahead[LOAD] = motion.reaches(self.peak, min(most, ahead[END]), from_there=TURN in self.here)
+        ahead[SLIP] = motion.slips(self.mu, min(most, *ahead.values()), from_there=HOLD in self.here)
         event = min(ahead, key=ahead.__getitem__)
         time = ahead[event]
         if time == inf:
@@ -329,28 +194,28 @@ class _Path:
         self.force = {END: 0.0, LOAD: self.peak}.get(event, self.force)
         return event
 
-    def _slip(self, direction: FloatArray, last: str) -> str:
-        """Go on from an event to the next one with a slider that slips; returns it."""
+    def _slip(self, direction: FloatArray) -> str:
+        """Go on to the next event with a slider that slips; returns it."""
         u = self.u
         bounce = max(abs(float(u[0])), sqrt(2.0 * self.stored))
-        least = _BEGUN * bounce * bounce
         turns = max(abs(_cross(direction, self._pull(direction))) * bounce, abs(_cross(direction, u[1:])))
         if turns <= _LINE * max(bounce, hypot(u[1], u[2])):
-            return self._line(direction, inf, last)
-        if self.stored > least:
+            return self._line(direction, inf)
+        if not _is_short(self.stored / bounce**2, direction.tolist(), u.tolist()):
             event = self._curve(direction, u, bounce)
             if event != END:
                 return event
             assert self.direction is not None
             direction = self.direction
-        return self._line(direction, least / bounce if self.compressing else inf, last) or self._slip(direction, last)
+        most = 2.0 * _BEGUN * bounce if self.compressing else inf
+        return self._line(direction, most) or self._slip(direction)
 
     def _pull(self, direction: FloatArray) -> FloatArray:
         """Change of tangential velocity per normal impulse, (2,)."""
         return np.asarray(self.G[1:, 0] - self.mu * (self.G[1:, 1:] @ direction))
 
-    def _line(self, direction: FloatArray, most: float, last: str) -> str:
-        """Go on from an event by at most so much normal impulse along a line; returns the next one, empty if there is none."""
+    def _line(self, direction: FloatArray, most: float) -> str:
+        """Go on along a line by at most so much normal impulse; returns the next event, empty if there is none."""
         u = self.u
         u_n, speed = float(u[0]), float(direction @ u[1:])
         rate = float(self.G[0, 0] - self.mu * (direction @ self.G[1:, 0]))
@@ -363,7 +228,7 @@ class _Path:
             full = 0.5 * self.peak * self.peak / self.kappa
             ahead[END] = _root(self.stored, u_n, rate)
             # As compression ends the spring is at its largest force, and unloads.
-            turned = last == TURN and rate > 0.0
+            turned = TURN in self.here and rate > 0.0
             ahead[LOAD] = inf if turned else _root(max(full - self.stored, 0.0), -u_n, -rate)
         event = min(ahead, key=ahead.__getitem__)
         step = ahead[event]
@@ -397,9 +262,7 @@ class _Path:
             return [turns * (z * c - x * s), -u_n / bounce, step, friction * c, friction * s, friction * (x * c + z * s)]
 
         def left(y: FloatArray) -> float:
-            (_, x, z), share = velocity(y), exp(y[1]) / (bounce * bounce)
-            apart = abs(z * cos(y[0]) - x * sin(y[0])) / max(hypot(x, z), RANK * bounce)
-            return _BEGUN * _BEGUN - share * (share + apart)
+            return 1.0 if _is_short(exp(y[1]) / bounce**2, (cos(y[0]), sin(y[0])), velocity(y)) else -1.0
 
         def slider(y: FloatArray) -> float:
             u_n, x, z = velocity(y)
@@ -411,9 +274,10 @@ class _Path:
         else:
             full = log(0.5 * self.peak * self.peak / kappa)
             events |= {END: left, LOAD: lambda y: min(float(y[1]) - full, -velocity(y)[0])}
-        angle = atan2(direction[1], direction[0])
-        start = np.array((angle, log(self.stored), *self.impulse, self.friction_work))
-        sizes = np.array([1.0, 1.0, *3 * (bounce,), bounce * max(bounce, hypot(u[1], u[2]))])
+        # Slip that follows u_t from the start on shows the solver no stiffness, and it takes steps without end.
+        angle, nudge = atan2(direction[1], direction[0]), _NUDGE if turns * hypot(u[1], u[2]) > _STIFF else 0.0
+        start = np.array((angle + nudge, log(self.stored), *self.impulse, self.friction_work))
+        sizes = np.array([100.0, 1.0, *3 * (bounce,), bounce * max(bounce, hypot(u[1], u[2]))])
         event, y = until_event(rates, start, events, ROUNDING * sizes, _STEPS)
         self.direction = np.array([cos(y[0]), sin(y[0])])
         self.force = sqrt(2.0 * kappa * exp(y[1]))
@@ -424,17 +288,15 @@ class _Path:
         return event
 
 
-def _dot(a: list[float], b: list[float]) -> float:
-    return a[0] * b[0] + a[1] * b[1]
+def _is_short(stored: float, direction: Sequence[float], u: Sequence[float]) -> bool:
+    """Whether a step along a line may begin or end the contact, with the energy stored then in units of the bounce."""
+    speed = hypot(u[1], u[2])
+    apart = abs(direction[0] * u[2] - direction[1] * u[1]) / speed if speed > 0.0 else 0.0
+    return stored * (stored + apart) <= _BEGUN * _BEGUN
 
 
 def _cross(a: FloatArray, b: FloatArray) -> float:
     return float(a[0] * b[1] - a[1] * b[0])
-
-
-def _third(bounds: FloatArray) -> float:
-    """Bound on half the third derivative of the square of a function, from those on its derivatives."""
-    return float(bounds[0] * bounds[3] + 3.0 * bounds[1] * bounds[2])
 
 
 def compliant(A: FloatArray, w: FloatArray, mu: float, e: float, rho: float) -> FrictionResult:
@@ -446,7 +308,7 @@ def compliant(A: FloatArray, w: FloatArray, mu: float, e: float, rho: float) -> 
         A: Rows J L^-T of normal and two tangents with M = L L^T, (3, n); a tangent in which nothing moves may be zero.
         w: Mass-weighted velocity before, L^T qdot, (n,).
         mu: Coefficient of friction, > 0.
-        e: Energetic coefficient of restitution, the square root of the ratio of restitution work to compression work, 0 to 1.
+        e: Energetic coefficient of restitution, square root of the ratio of restitution work to compression work, 0 to 1.
         rho: Tangential over normal compliance, k_n / k_t, > 0.
 
     Raises:

@@ -1,11 +1,12 @@
-"""Impacts with friction: Stronge's law for one contact, and two laws with discrete Coulomb friction for several contacts.
+"""Impacts with friction: two laws for one contact, and two with discrete Coulomb friction for several contacts.
 
 ``coulomb`` mixes like the frictionless ``blend``: the plastic solution, then an expansion with at least e times the impulses
 that the elastic solution adds to it. ``poisson`` expands with at least e times the compression impulses. For different
 restitutions neither is proved to dissipate, so an energy guard follows: it multiplies all restitution by the largest factor
 theta <= 1 for which no energy is gained. At theta = 0 every solution dissipates.
 
-For one contact e^2 is a ratio of works; for several contacts e is a ratio of impulses of each contact.
+For one contact, by Stronge's law or with tangential compliance, e^2 is a ratio of works; for several contacts e is a ratio
+of impulses of each contact.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
+from ffsm_mj.contact_models.impact.friction.compliant import compliant
 from ffsm_mj.contact_models.impact.friction.coulomb import CoulombProblem, coulomb
 from ffsm_mj.contact_models.impact.friction.least_norm import shared
 from ffsm_mj.contact_models.impact.friction.result import FrictionResult, Status, clip_to_cone
@@ -75,6 +77,28 @@ def impact_by_rule(A: FloatArray, w: FloatArray, mu: FloatArray, e: FloatArray, 
     if rule == "stronge":
         return stronge(A, w, float(mu[0]), float(e[0]))
     return _several(_SeveralContacts(A, w, mu), e, rule)
+
+
+def impact_with_compliance(A: FloatArray, w: FloatArray, mu: float, e: float, compliance_ratio: float) -> FrictionResult:
+    """Solve an impact of one contact with friction and tangential compliance.
+
+    Args:
+        A: Rows J L^-T of (n, t1, t2) with M = L L^T, (3, n); a tangent in which nothing moves may be zero.
+        w: Mass-weighted velocity before, L^T qdot, (n,).
+        mu: Coefficient of friction, >= 0.
+        e: Energetic coefficient of restitution, 0 to 1.
+        compliance_ratio: Tangential over normal compliance, k_n / k_t, >= 0.
+
+    Raises:
+        ValueError: Neither body can move along the contact normal.
+    """
+    # Without friction, and with a rigid tangential spring, both laws are one.
+    if mu > 0.0 and compliance_ratio > 0.0:
+        one = compliant(A, w, mu, e, compliance_ratio)
+        if one.status != "unconverged":
+            return one
+    # A contact that friction holds closed swings for ever on its springs: the rigid law brings it to rest.
+    return impact_with_friction(A, w, np.array([mu]), np.array([e]), "blend")
 
 
 @dataclass

@@ -42,7 +42,8 @@ class FrictionResult:
     Attributes:
         impulses: Impulse on the second body of each contact along (normal, t1, t2), (k, 3); exactly inside its cone.
         w: Mass-weighted velocity after, (n,).
-        law: Rule that gave it: for the built-in laws ``stronge`` for one contact, ``coulomb`` or ``poisson`` for several.
+        law: Rule that gave it: for the built-in laws ``stronge`` or ``compliant`` for one contact, ``coulomb`` or
+            ``poisson`` for several.
         status: ``ok``; ``energy_guard``: restitution was reduced by ``theta`` so that no energy is gained; ``jammed``: no
             elastic solution, energy was lost; ``wedged``: one contact that locks and comes to rest; ``unconverged``: no
             solution was found, and the velocity after must not be used.

@@ -205,7 +205,7 @@ _MAX_STEPS = 3000
 ROUNDING = 1e-15
 """Absolute tolerance of integration, relative to the size of each component."""
 _BISECTIONS = 2000
-"""Most steps to a root: where it is next to the start, one of bisection for each power of two down to the smallest number."""
+"""Most steps to a root: if it is next to the start, one of bisection for each power of two to the smallest number."""
 _THETA, _LOG, _U_N, _WORK, _FRICTION = 0, 1, 5, 6, 7
 
 
@@ -278,6 +278,15 @@ def until_event(
     rounding: FloatArray,
     steps: int = _MAX_STEPS,
 ) -> tuple[str, FloatArray]:
+    """Integrate to the first event; returns its name, and the state there. Without one: NONE, and the last state.
+
+    Args:
+        rates: Rates of the state by the parameter, from zero.
+        start: State at the start, (n,).
+        events: Witness function of each event, which rises through zero there.
+        rounding: Absolute tolerance of each component, (n,); the relative one is 1e-13.
+        steps: Most steps of the solver.
+    """
     from scipy.integrate import LSODA
 
     # A stiff method: for slip that is slow compared with the bounce, its direction settles at once. The explicit DOP853
