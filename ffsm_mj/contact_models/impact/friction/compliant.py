@@ -55,7 +55,7 @@ apart at the end comes to it, so the product of both is held to E^2.
 _STIFF, _NUDGE = 100.0, 1e-9
 """Stiffness from which on, and angle by which, slip starts beside its direction, to which it returns at once.
 
-The impulse misses the product of the angle and of the share of the contact in which it returns, the inverse of the stiffness.
+The impulse misses the product of the angle and of the share of the contact in which it returns, one over the stiffness.
 """
 _STEPS = 20_000
 """Most steps of the solver in a segment: the direction of slip is stiff where k_t is large."""
