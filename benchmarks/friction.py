@@ -2,7 +2,8 @@
 
 ``uv run python benchmarks/friction.py`` prints median and 95th percentile of CPU time in ms over random impacts of two free
 bodies: points and normals in space, mu from 0 to 1.5, e from 0 to 1, half of them elastic or plastic throughout. One contact
-with friction goes by Stronge's law whatever the law for several. Beside it what share ended with another status than ``ok``.
+with friction goes by Stronge's law whatever the law for several, or by ``compliant`` with k_t / k_n of the Poisson's ratio
+0.3; "line" where it cannot move along the second tangent. Beside it what share ended with another status than ``ok``.
 """
 
 # ruff: noqa: E402
@@ -16,13 +17,13 @@ one_blas_thread()
 import argparse
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.impact.friction.laws import impact_with_friction
+from ffsm_mj.contact_models.impact.friction.laws import impact_with_compliance, impact_with_friction
 from ffsm_mj.contact_models.impact.friction.result import tangents
 from ffsm_mj.contact_models.impact.laws import FRICTIONLESS
 
@@ -69,6 +70,16 @@ def with_friction(one: Scene, law: str) -> str:
     return impact_with_friction(one.A, one.w, one.mu, one.e, law).status
 
 
+def along_a_line(one: Scene) -> Scene:
+    """The impact without motion along the second tangent."""
+    return replace(one, A=one.A * np.array([[1.0], [1.0], [0.0]]))
+
+
+def with_compliance(one: Scene) -> str:
+    """Status of an impact with tangential compliance."""
+    return impact_with_compliance(one.A, one.w, float(one.mu[0]), float(one.e[0]), 1.7 / 1.4).status
+
+
 def without_friction(one: Scene, law: str) -> str:
     """The same for the law of the normals alone."""
     return "jammed" if FRICTIONLESS[law](one.A[::3], one.w, one.e).jammed else "ok"
@@ -86,6 +97,12 @@ def cost(count: int, solve: Callable[[Scene], str], impacts: int) -> Cost:
     return Cost(float(np.median(spent)), float(np.percentile(spent, 95)), told / impacts)
 
 
+def row(count: int, law: str, friction: str, found: Cost) -> None:
+    """Print a line of the table."""
+    times = f"{found.median_ms:>10.3f}{found.p95_ms:>9.2f}"
+    print(f"{count:>8}  {law:10}{friction:10}{times}{found.told:>9.1%}", flush=True)
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -98,9 +115,10 @@ def main() -> None:
                 if count == 1 and law != FRICTION[0]:
                     continue  # all laws are one
                 found = cost(count, partial(solve, law=law), impacts)
-                name = "stronge" if count == 1 and friction == "yes" else law
-                times = f"{found.median_ms:>10.3f}{found.p95_ms:>9.2f}"
-                print(f"{count:>8}  {name:10}{friction:10}{times}{found.told:>9.1%}", flush=True)
+                row(count, "stronge" if count == 1 and friction == "yes" else law, friction, found)
+    row(1, "compliant", "yes", cost(1, with_compliance, impacts))
+    row(1, "stronge", "line", cost(1, lambda one: with_friction(along_a_line(one), FRICTION[0]), impacts))
+    row(1, "compliant", "line", cost(1, lambda one: with_compliance(along_a_line(one)), impacts))
 
 
 if __name__ == "__main__":

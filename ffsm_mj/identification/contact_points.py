@@ -236,7 +236,7 @@ def _stacked(rule: ContactRule, some: Sequence[_One]) -> RuleImpacts:
     rows = np.array([one.rows for one in some])
     before, after = (np.array([getattr(one, name) for one in some]) for name in ("before", "after"))
     M = np.array([one.M for one in some])
-    impacts = MeasuredImpacts(M, rows[:, 0], rows[:, 1:], before, after, some[0].angular)
+    impacts = MeasuredImpacts(M, rows[:, 0], rows[:, 1:], before, after, some[0].angular, rule.compliance_ratio)
     first = some[0]
     return RuleImpacts(
         rule, impacts, first.axes, first.as_several, tuple(one.jump for one in some), tuple(one.point for one in some)

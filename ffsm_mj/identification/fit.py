@@ -78,7 +78,7 @@ def predicted(impacts: MeasuredImpacts, law: str, mu: float, e: float) -> FloatA
         LookupError: The law is unknown.
         UnsupportedContactError: The law does not cover friction.
     """
-    solve = _solver(law)
+    solve = _solver(law, np.array([impacts.compliance_ratio]))
     impulses = np.zeros((len(impacts), 3))
     one_mu, one_e = np.array([mu]), np.array([e])
     weighted = impacts.weighted(impacts.before)
@@ -89,14 +89,14 @@ def predicted(impacts: MeasuredImpacts, law: str, mu: float, e: float) -> FloatA
     return impacts.velocities_after(impulses[:, : impacts.A.shape[1]])
 
 
-def _solver(law: str) -> Callable[[FloatArray, FloatArray, FloatArray, FloatArray], FrictionResult]:
-    """The law of a name as a function of (A, w, mu, e)."""
+def _solver(law: str, ratio: FloatArray) -> Callable[[FloatArray, FloatArray, FloatArray, FloatArray], FrictionResult]:
+    """The law of a name, with a compliance ratio, (1,), as a function of (A, w, mu, e)."""
     if law in RULES:
         from ffsm_mj.contact_models.impact.friction.laws import impact_by_rule
 
         return lambda A, w, mu, e: impact_by_rule(A, w, mu, e, law)
     named = impact_law(law)
-    return lambda A, w, mu, e: friction_of(named, solve_impact(named, ImpactProblem.mass_weighted(A, w, e, mu)))
+    return lambda A, w, mu, e: friction_of(named, solve_impact(named, ImpactProblem.mass_weighted(A, w, e, mu, ratio)))
 
 
 def fit(impacts: MeasuredImpacts, law: str, start: tuple[float, float] | None = None, resamples: int = 2000) -> LawFit:

@@ -35,6 +35,7 @@ class MeasuredImpacts:
         before: Velocities before, (k, n).
         after: Velocities after, (k, n).
         angular: Velocity coordinates that are angular velocities; the others are linear.
+        compliance_ratio: Tangential over normal compliance of the surfaces, for laws that use it; 0: rigid.
     """
 
     M: FloatArray
@@ -43,6 +44,7 @@ class MeasuredImpacts:
     before: FloatArray
     after: FloatArray
     angular: tuple[int, ...]
+    compliance_ratio: float = 0.0
 
     def __len__(self) -> int:
         return len(self.before)

@@ -1,4 +1,4 @@
-"""One contact with tangential compliance: a sphere in closed form and at eight angles, another integrator, energy, limits."""
+"""One contact with tangential compliance: a sphere in closed form, another integrator, energy, limits."""
 
 from __future__ import annotations
 
