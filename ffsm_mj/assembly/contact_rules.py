@@ -335,8 +335,8 @@ def _winners(stated: Sequence[_Stated], ignored: Matrix) -> tuple[ContactRule, .
         claimed |= left | left.T
         geoms = tuple((a, b) for a, b in np.argwhere(left).tolist())
         rule, matched, lost = stated_rule.config, int(stated_rule.pairs.sum()), int((stated_rule.pairs & ignored).sum())
-        of_each = (stated_rule.restitution, stated_rule.mu, stated_rule.compliance_ratio)
-        rules.append(ContactRule(rule.name, rule.between, *of_each, matched, lost, geoms))
+        coefficients = (stated_rule.restitution, stated_rule.mu, stated_rule.compliance_ratio)
+        rules.append(ContactRule(rule.name, rule.between, *coefficients, matched, lost, geoms))
     return tuple(reversed(rules))
 
 

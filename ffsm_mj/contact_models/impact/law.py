@@ -96,8 +96,8 @@ class ImpactProblem:
     def of(self, which: IntArray) -> ImpactProblem:
         """The problem of some contacts alone."""
         rows = (3 * which[:, None] + np.arange(3)).ravel() if self.with_friction else which
-        of_each = (self.restitution[which], self.mu[which], self.compliance_ratio[which])
-        return ImpactProblem(self.M, self.J[rows], self.qvel, *of_each)
+        coefficients = (self.restitution[which], self.mu[which], self.compliance_ratio[which])
+        return ImpactProblem(self.M, self.J[rows], self.qvel, *coefficients)
 
     @cached_property
     def speeds(self) -> FloatArray:

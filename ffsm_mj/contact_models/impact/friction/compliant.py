@@ -96,7 +96,7 @@ class _Path:
         peak: Largest normal force, at the end of compression.
         compressing: Whether the normal spring loads for the first time to its force.
         modes: Names of what the slider did.
-        here: Events that took place here, since the last impulse.
+        last: Events since the last impulse.
     """
 
     G: FloatArray
@@ -112,7 +112,7 @@ class _Path:
     peak: float = 0.0
     compressing: bool = True
     modes: list[str] = field(default_factory=list)
-    here: set[str] = field(default_factory=set)
+    last: set[str] = field(default_factory=set)
 
     @property
     def kappa(self) -> float:
@@ -140,7 +140,7 @@ class _Path:
             event = self._hold() if self.direction is None else self._slip(self.direction)
             # Where bodies have a single relative motion all events of a turn are one: they are told apart by rounding only.
             moved = float(self.impulse[0]) - before > CANCELLED * before
-            self.here = {event} if moved else {event, *self.here}
+            self.last = {event} if moved else {event, *self.last}
             if event == END or (event == TURN and self.e < _PLASTIC):
                 return "ok"
             # Without slip before, the slider holds until both forces are zero: its slip there would be rounding.
@@ -174,8 +174,8 @@ class _Path:
             ahead[TURN] = motion.peaks(most)
         else:
             ahead[END] = motion.vanishes(most)
-            ahead[LOAD] = motion.reaches(self.peak, min(most, ahead[END]), from_there=TURN in self.here)
-        ahead[SLIP] = motion.slips(self.mu, min(most, *ahead.values()), from_there=HOLD in self.here)
+            ahead[LOAD] = motion.reaches(self.peak, min(most, ahead[END]), from_there=TURN in self.last)
+        ahead[SLIP] = motion.slips(self.mu, min(most, *ahead.values()), from_there=HOLD in self.last)
         event = min(ahead, key=ahead.__getitem__)
         time = ahead[event]
         if time == inf:
@@ -228,7 +228,7 @@ class _Path:
             full = 0.5 * self.peak * self.peak / self.kappa
             ahead[END] = _root(self.stored, u_n, rate)
             # As compression ends the spring is at its largest force, and unloads.
-            turned = TURN in self.here and rate > 0.0
+            turned = TURN in self.last and rate > 0.0
             ahead[LOAD] = inf if turned else _root(max(full - self.stored, 0.0), -u_n, -rate)
         event = min(ahead, key=ahead.__getitem__)
         step = ahead[event]
