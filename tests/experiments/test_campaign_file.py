@@ -135,7 +135,7 @@ def line_of(folder, dispersions=None, samples=None, **more):
             {"impact.law": {"choice": ["newton", [1]]}},
             "the values of a choice must have one type",
         ),
-        ({"impact.law": {"choice": [[1], [2]]}}, "impact.law: should be 'blend', 'poisson' or 'newton'"),
+        ({"impact.law": {"choice": [[1], [2]]}}, "impact.law: should be 'blend', 'poisson', 'newton' or 'compliant'"),
         ({"duration_s": {"scale": {"choice": [[1]]}}}, "scale: needs a choice of numbers; texts and flags can only replace"),
         (
             {
@@ -182,7 +182,7 @@ def line_of(folder, dispersions=None, samples=None, **more):
         ({"impact.max_impacts": {"values": [True, 2]}}, "max_impacts.values.0: should be a finite number, got true"),
         (
             {"impact.law": {"choice": ["newton", "wrong"]}},
-            "impact.law: should be 'blend', 'poisson' or 'newton', got \"wrong\"",
+            "impact.law: should be 'blend', 'poisson', 'newton' or 'compliant', got \"wrong\"",
         ),
         ({"time_step_s": {"uniform": [0.001, 0.0011]}}, "must be a multiple of time_step_s"),
         ({"initial.rates.rock/free.0": {"uniform": [0, 1e11]}}, "run "),

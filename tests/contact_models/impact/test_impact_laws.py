@@ -155,7 +155,9 @@ def test_a_solution_without_one_impulse_per_contact_is_refused(case_study, impac
 def test_names_are_those_of_the_installed_laws(tmp_path):
     names = ["blend", "poisson", "newton", "compliant", "yielding"]
     assert scenario_schema()["$defs"]["ImpactConfig"]["properties"]["law"]["enum"] == names
-    with pytest.raises(InputError, match=r"impact\.law: should be 'blend', 'poisson', 'newton' or 'yielding', got \"x\""):
+    with pytest.raises(
+        InputError, match=r"impact\.law: should be 'blend', 'poisson', 'newton', 'compliant' or 'yielding', got \"x\""
+    ):
         prepare(two_balls(tmp_path, impact={"law": "x"}))
     with pytest.raises(ValueError, match="another impact law has the name 'yielding'"):
         register_law(type(laws.impact_law("yielding"))())
