@@ -9,6 +9,7 @@ squares. An impact is where velocities jump; its instant is where the flights be
 from __future__ import annotations
 
 import copy
+import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -36,6 +37,8 @@ _APART = 3.0
 that of flights with the least samples. Two impacts within a few samples part them."""
 _TURN_PER_STEP = 0.2
 """Largest rotation in a step of RK4, rad: its error is about that to the power of 5 over 120, 3e-6."""
+_MOST_PARTS = 32.0
+"""Most steps from one sample to the next: two samples of a turn cannot tell more than half of one."""
 _DIFFERENCE = 1e-6
 """Step of numerical derivatives in coordinates and velocities, SI: the square root of rounding, times some."""
 _STEPS = 20
@@ -342,7 +345,7 @@ class JumpSearch:
         states, now = [], start.time_s
         for time_s in times:
             turn = float(np.abs(data.qvel).max()) * abs(time_s - now)
-            steps = max(1, int(np.ceil(turn / _TURN_PER_STEP)))
+            steps = max(1, math.ceil(min(turn / _TURN_PER_STEP, _MOST_PARTS)))
             model.opt.timestep = (time_s - now) / steps  # RK4 goes back by negative steps
             for _ in range(steps if time_s != now else 0):
                 mujoco.mj_step(model, data)

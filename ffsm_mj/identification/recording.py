@@ -41,6 +41,9 @@ _OTHERS = ("state.tip_", "state.target_")
 _UNIT_LENGTH = 0.02
 """Most that the length of a quaternion may differ from 1: rounding to two decimals, not another order or another unit."""
 
+_LARGEST = 1e6
+"""Largest coordinate or velocity, SI: beyond it differences of samples are rounding, and MuJoCo takes no state."""
+
 Kind = Literal["poses", "velocities"]
 
 
@@ -240,12 +243,12 @@ class _Columns:
         table, times = self._table, self._times()
         qpos = np.tile(start, (len(table), 1))
         for entry, (name, factor) in self._qpos.items():
-            qpos[:, entry.place] = table.numbers(name) * factor
+            qpos[:, entry.place] = self._numbers(name, factor)
         self._normalise(qpos)
         qvel = np.zeros((len(table), self._system.mj.nv)) if self._qvel else None
         for entry, (name, factor) in self._qvel.items():
             assert qvel is not None
-            qvel[:, entry.place] = table.numbers(name) * factor
+            qvel[:, entry.place] = self._numbers(name, factor)
         column = run_column if run_column is not None else "run"
         labels = (
             [str(cell) for cell in table.columns[table.name_of(column)]] if run_column or column in table.columns else []
@@ -255,6 +258,19 @@ class _Columns:
             self._refuse_backward(times, rows)
             place = f"{table.place}, {column} {label}" if labels else table.place
             yield Recording(place, times[rows], self._unwrapped(qpos[rows]), None if qvel is None else qvel[rows])
+
+    def _numbers(self, name: str, factor: float) -> FloatArray:
+        """A column in SI units, (number of rows,).
+
+        Raises:
+            TableError: A cell is no finite number, or far beyond what is recorded.
+        """
+        values = self._table.numbers(name) * factor
+        wrong = np.flatnonzero(np.abs(values) > _LARGEST)
+        if len(wrong):
+            place, cell = self._table.row_place(int(wrong[0])), self._table.columns[name][wrong[0]]
+            raise TableError(f"{place}: column {name!r} is {cell}; at most {_LARGEST:g} in SI units is allowed")
+        return np.asarray(values)
 
     def _unwrapped(self, qpos: FloatArray) -> FloatArray:
         """Coordinates of a run whose angles pass half a turn without a jump: trackers give them within a turn."""

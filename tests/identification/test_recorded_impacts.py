@@ -191,6 +191,7 @@ HEAD = "time_s,x_m,y_m,yaw_rad"
         (f"{HEAD},q_x_m\n0,0,0,0,0\n", "columns 'x_m' and 'q_x_m' are the same coordinate"),
         (f"{HEAD}\n0,0,0,0\n0.1,0,nan,0\n", "data.csv:3: column 'y_m' is 'nan'; finite numbers are allowed"),
         (f"{HEAD}\n0,0,0,0\n0.2,0,0,0\n0.1,0,0,0\n", "data.csv:4: column 'time_s': time 0.1 follows 0.2; times must ascend"),
+        (f"{HEAD}\n0,0,0,0\n0.1,2e9,0,0\n", "data.csv:3: column 'x_m' is 2e9; at most 1e+06 in SI units is allowed"),
         ("time_s,v_x_m_s\n0,1\n", "has no column of a pose, such as 'x_m'"),
         (f"{HEAD}\n0,0,0,0\n", f"data.csv: too few impacts, {NEEDED} of a rule are needed; found none"),
         (f"{HEAD},x_m_s\n0,0,0,0,0\n", "columns of robot are missing: y_m_s, yaw_rad_s"),
