@@ -12,6 +12,7 @@ from fmpy.fmi1 import FMICallException
 from fmpy.validation import validate_fmu
 
 import ffsm_mj
+from ffsm_mj.cli.main import main
 from tests.contact_models.grasp.scenes import OFF, grasping
 from tests.fmu.masters import Instance, unit
 from tests.replays import proved
@@ -255,3 +256,12 @@ def test_the_example_of_the_page_runs(tap, tmp_path, monkeypatch, capsys):
     (code,) = (block for block in python_blocks("docs/co-simulation.md") if "FMU2Slave" in block)
     exec(code, {})
     assert capsys.readouterr().out == "[9] impacts\n"
+
+
+def test_the_command_says_what_the_unit_has(tmp_path, capsys):
+    file = tmp_path / "tap.fmu"
+    assert main(["fmu", "tap", "--out", str(file)]) == 0
+    assert f"{file}: FMI 2.0 co-simulation, 1 input, 37 outputs, " in capsys.readouterr().out.replace("\n", " ")
+    assert validate_fmu(str(file)) == []
+    assert main(["fmu", "tap", "--out", str(tmp_path / "tap.zip")]) == 2
+    assert capsys.readouterr().err.endswith("tap.zip: the name of a unit ends in .fmu\n")
