@@ -398,7 +398,7 @@ def resolve(
 
     Raises:
         UnsupportedContactError: The law does not cover these contacts.
-        ValueError: No contacts, an unknown law, or a negative mu.
+        ValueError: No contacts, an unknown law, or a negative mu or compliance ratio.
     """
     try:
         named = impact_law(law)
@@ -409,6 +409,8 @@ def resolve(
     # So that NaN is refused too, for which every comparison is false.
     if not all(contact.mu >= 0.0 for contact in contacts):
         raise ValueError("mu, the coefficient of friction, must be at least 0")
+    if not all(0.0 <= contact.compliance_ratio < math.inf for contact in contacts):
+        raise ValueError("compliance_ratio, k_n / k_t, must be finite and at least 0")
     # Inertia and Jacobians must be those at the touch: those in ``data`` may belong to the end of the step.
     mujoco.mj_fwdPosition(model, data)
     M = mass_matrix(model, data)

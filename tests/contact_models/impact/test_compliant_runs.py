@@ -10,12 +10,15 @@ from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError, UnsupportedContactError
 from ffsm_mj.impact import Contact, compare_laws, resolve
 from ffsm_mj.scenario.contacts import ElasticConfig
+from tests.contact_models.impact.test_fixed import slab
 from tests.contact_models.impact.test_friction_resolve import ROD, SPHERE, UP, moving
 from tests.contact_models.impact.test_friction_runs import flat, off_centre
 from tests.contact_models.impact.test_linearize import linearized
 from tests.replays import proved
+from tests.scenes import ball, scene
 
 LAW = {"law": "compliant"}
+ELASTIC = {"elastic": {"poisson_ratio": 0.3}}
 
 
 def compliant_rule(**elastic):
@@ -104,6 +107,13 @@ def test_without_friction_it_is_reflection():
     np.testing.assert_array_equal(compliant.after.qvel, blend.after.qvel)
 
 
+@pytest.mark.parametrize("ratio", [-1.0, np.nan, np.inf])
+def test_a_ratio_that_is_none_is_refused(ratio):
+    model, data = moving(SPHERE, (0.7, 0, -1, 0, 0.2, 0))
+    with pytest.raises(ValueError, match="compliance_ratio, k_n / k_t, must be finite and at least 0"):
+        resolve(model, data, [Contact(0, 1, -UP, UP, 0.6, 0.1, ratio)], "compliant")
+
+
 def test_several_contacts_are_refused_by_name(tmp_path):
     pair = {"between": ["slab", "box/box"], "restitution": 0.5, "mu": 0.3, "elastic": {"poisson_ratio": 0.3}}
     run = ffsm_mj.run(flat(tmp_path, contacts={"rules": [pair]}, impact=LAW), out=tmp_path / "run", rerun=False)
@@ -166,3 +176,27 @@ def test_sensitivity(tmp_path):
     assert found == pytest.approx(expected, rel=1e-5)
     ratio = ffsm_mj.sensitivity(run, quantity, {"contacts.rules.ball-box/box.elastic.poisson_ratio": 0.01})
     assert abs(float(ratio.derivative[0, 0])) > 1e-4
+
+
+def test_a_ball_that_bounces_until_it_stays(tmp_path):
+    """Spinning, on a floor in a uniform field: impacts in turn, the last with e = 0, then persistent contact."""
+    run = ffsm_mj.run(
+        scene(
+            tmp_path,
+            ball("ball", mass=2.0),
+            {"floor": slab("floor")},
+            fixed={"floor": {"position_m": [0, 0, -0.5]}},
+            initial={"joints": {"robot/free": [0, 0, 0.3, 1, 0, 0, 0]}, "rates": {"robot/free": [0.4, 0.2, 0, 2, -3, 1]}},
+            contacts={"rules": [{"between": ["ball", "floor/floor"], "restitution": 0.3, "mu": 0.4, **ELASTIC}]},
+            impact={**LAW, "rest_interval_s": 0.02},
+            environment={"fields": [{"kind": "uniform", "acceleration_m_s2": [0, 0, -5.0]}]},
+            duration_s=0.6,
+        ),
+        out=tmp_path / "run",
+        rerun=False,
+    )
+    proved(run)
+    assert len(run.impacts) >= 3
+    assert {hit.law for hit in run.impacts} == {"compliant"}
+    assert run.impacts[-1].restitution_used == 0.0
+    assert any("reverse slip" in hit.path for hit in run.impacts)
