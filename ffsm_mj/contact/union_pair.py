@@ -368,7 +368,11 @@ class UnionPair(ContactPair):
             for near in self._patches(model, data, [(pair, alone)])
         ]
         # A point at which pieces of another rule decide is no contact here.
-        return min(patches, key=lambda near: near.rate + near.rate_tolerance, default=replace(alone, rates=np.zeros(1)))
+        return min(
+            patches,
+            key=lambda near: near.rate + near.rate_tolerance,
+            default=replace(alone, rates=np.zeros(len(alone.points))),
+        )
 
     def _patches(self, model: Any, data: Any, touching: Sequence[tuple[PiecePair, Proximity]]) -> tuple[UnionProximity, ...]:
         """Patches of some pairs of pieces that touch, with their points of this rule."""
