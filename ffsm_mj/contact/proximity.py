@@ -55,6 +55,11 @@ class Proximity:
     patch: str = ""
 
     @property
+    def extreme_points(self) -> int:
+        """Number of extreme points of the patch, be they of this pair or of others under which it goes on."""
+        return len(self.points)
+
+    @property
     def rate(self) -> float:
         """Least gap rate of the points, m/s."""
         return float(self.rates.min())

@@ -51,10 +51,17 @@ class UnionProximity(Proximity):
     Attributes:
         pieces: Pairs of pieces that touch in its plane, those of other rules too.
         owners: The pair of pieces of each point.
+        corners: Number of corners of the patch, those of other rules too.
     """
 
     pieces: tuple[PiecePair, ...] = ()
     owners: tuple[PiecePair, ...] = ()
+    corners: int = 0
+
+    @property
+    def extreme_points(self) -> int:
+        """See :class:`Proximity`."""
+        return self.corners
 
 
 class PiecePair(ContactPair):
@@ -418,7 +425,7 @@ class UnionPair(ContactPair):
         rounding = gap_rounding(points)
         turned = np.round(normal @ data.xmat[self.body_b].reshape(3, 3), 6) + 0.0
         patch = " ".join(map("{:g}".format, turned.tolist()))
-        return UnionProximity(gap, normal, points, rates, tolerance, rounding, patch, pieces, owners)
+        return UnionProximity(gap, normal, points, rates, tolerance, rounding, patch, pieces, owners, len(corners))
 
     def _normals(
         self, model: Any, data: Any, pair: PiecePair, near: Proximity, point: FloatArray

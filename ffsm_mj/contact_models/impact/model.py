@@ -127,7 +127,7 @@ def _at_point(
         object_geom=geoms[1] if pair.robot_on_object else "",
         point_m=tuple(point.tolist()),
         normal=tuple(near.normal.tolist()),
-        manifold=manifold_name(len(near.points)),
+        manifold=manifold_name(near.extreme_points),
         approach_speed_m_s=float(impact.approach_speeds[i]),
         separation_speed_m_s=float(impact.separation_speeds[i]),
         impulse_N_s=float(impact.impulses[i]),

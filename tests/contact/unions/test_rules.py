@@ -135,3 +135,26 @@ def test_a_box_at_rest_on_the_seam_of_two_rules(tmp_path):
     (begins,) = run.records["contact_beginnings"]
     assert (begins.pair, begins.time_s) == ("left", 0.0)
     assert begins.force_after_N == pytest.approx(2.0 * G_M_S2, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        CUBE,
+        free('<geom name="g" type="capsule" size="0.06 0.1" quat="0.7071067811865476 0 0.7071067811865476 0" mass="0"/>'),
+    ],
+    ids=["box", "capsule"],
+)
+def test_a_body_lands_on_a_corner_of_four_rules(tmp_path, body):
+    """Of one face or edge each rule has a corner: each is an impact of the whole patch."""
+    quarters = [((x, y, -0.1), (x + 1.0, y + 1.0, 0.0)) for x, y in ((-1, -1), (0, -1), (-1, 0), (0, 0))]
+    rules = [
+        {"name": f"r{i}", "between": ["robot", f"floor/b{i}"], "restitution": 0.0, "mu": mu}
+        for i, mu in enumerate((0.1, 0.3, 0.2, 0.4))
+    ]
+    yaw = [math.cos(0.55), 0, 0, math.sin(0.55)]
+    keys = {"rates": [0.4, -0.3, 0, 0, 0, 3.0], "contacts": {"rules": rules}, "duration_s": 0.2}
+    path = on(tmp_path, body, fixed(geoms(quarters)), joints=[0.01, 0.02, 0.101, *yaw], **keys)
+    run = sound(ffsm_mj.run(path))
+    assert {impact.manifold for impact in run.impacts} == {"face" if body is CUBE else "edge"}
+    assert len({impact.rule for impact in run.impacts}) == len(run.impacts) == (4 if body is CUBE else 2)
