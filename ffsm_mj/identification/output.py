@@ -103,6 +103,7 @@ def rule_lines(fits: Fits) -> list[str]:
         rule, e = one.of.rule, one.law.e
         mu = f", mu: {one.law.mu.value:.4g}" if one.is_mu_known else f", mu: {rule.mu:g}"
         said = f"mu {_range(one.law.mu)}" if one.is_mu_known else "mu is not from the fit"
+        said += "; keep its key elastic" if rule.compliance_ratio else ""
         keys = f"between: [{', '.join(map(_word, rule.between))}], name: {_word(rule.name)}"
         text.append(
             f"    - {{{keys}, restitution: {e.value:.4g}{mu}}}  # {len(one.of.jumps)} impacts: e {_range(e)}, {said}"
