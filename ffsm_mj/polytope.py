@@ -52,6 +52,28 @@ class Polytope:
         left = {side: k for k, face in enumerate(self.faces) for side in _sides(face)}
         return tuple((a, b, k, left[b, a]) for (a, b), k in left.items() if a < b)
 
+    @cached_property
+    def _segments(self) -> tuple[FloatArray, FloatArray]:
+        """Starts of the edges, m, and the vectors from there to their ends, m, (e, 3) each."""
+        ends = np.array([edge[:2] for edge in self.edges])
+        starts = self.vertices[ends[:, 0]]
+        return starts, self.vertices[ends[:, 1]] - starts
+
+    def outward(self, point: FloatArray) -> FloatArray | None:
+        """Unit vector to a point, (3,), from the nearest one of the polytope; None for a point within it."""
+        heights = self.normals @ point - self.offsets
+        k = int(np.argmax(heights))
+        if heights[k] <= 0.0:
+            return None
+        if (self.normals @ (point - heights[k] * self.normals[k]) - self.offsets).max() <= MERGED_M:
+            return np.asarray(self.normals[k])
+        starts, spans = self._segments
+        shares = np.einsum("ei,ei->e", point - starts, spans) / np.einsum("ei,ei->e", spans, spans)
+        offsets = point - starts - np.minimum(np.maximum(shares, 0.0), 1.0)[:, None] * spans
+        lengths = np.sqrt(np.einsum("ei,ei->e", offsets, offsets))
+        nearest = int(np.argmin(lengths))
+        return np.asarray(offsets[nearest] / lengths[nearest])
+
     @property
     def volume(self) -> float:
         """Volume in m3: the sum of the pyramids over the faces with a corner as apex."""

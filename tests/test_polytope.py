@@ -164,3 +164,19 @@ def test_normals_at():
     assert cube.normals_at(np.zeros(3), 1e-9).shape == (0, 3)
     assert cube.normals_at(np.array([0.5 + 2e-9, 0.0, 0.0]), 1e-9) is None
     assert len(cube.normals_at(np.array([0.5 + 2e-9, 0.0, 0.0]), 3e-9)) == 1
+
+
+def test_the_direction_from_the_nearest_point(rng):
+    """Proof of optimality: a plane across it has all of the polytope behind it, and passes through a point of it."""
+    of_faces = 0
+    for _ in range(200):
+        polytope, point = random_hull(rng), 3.0 * rng.normal(size=3)
+        outward = polytope.outward(point)
+        if outward is None:
+            assert (polytope.normals @ point <= polytope.offsets).all()
+            continue
+        assert np.linalg.norm(outward) == pytest.approx(1.0, abs=ROUNDING)
+        foot = point - (outward @ point - (polytope.vertices @ outward).max()) * outward
+        assert (polytope.normals @ foot - polytope.offsets).max() < 10.0 * ROUNDING
+        of_faces += any(outward is normal or (outward == normal).all() for normal in polytope.normals)
+    assert 20 < of_faces < 180

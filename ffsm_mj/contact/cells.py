@@ -16,15 +16,20 @@ intersection of the polars (Rockafellar, *Convex Analysis*, sec. 16).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 
+_Ray = Sequence[float]
+"""A vector of three numbers: of few, lists are faster than arrays."""
 _SAME = 1e-9
 """Unit vectors that differ by less are one; residual below which a unit vector is in a cone. Normals are known to 1e-10."""
+_SLIM = 1e-6
+"""Rays whose plane or volume is less than this leave it to a solver whether a vector is between them."""
 _MOST_TERMS = 256
 """Terms of a disjunction that are expanded; two pieces meet at a point in a handful."""
 
@@ -38,8 +43,39 @@ def nnls(columns: FloatArray, target: FloatArray) -> tuple[FloatArray, float]:
 
 
 def in_cone(rays: FloatArray, vector: FloatArray, tolerance: float = _SAME) -> bool:
-    """Whether a unit vector is a combination of some rays, (k, 3), with no negative share."""
-    return len(rays) > 0 and nnls(rays.T, vector)[1] <= tolerance
+    """Whether a unit vector is a combination of some unit rays, (k, 3), with no negative share, within a tolerance."""
+    return _inside(rays.tolist(), vector.tolist(), tolerance)
+
+
+def _inside(rows: Sequence[_Ray], v: _Ray, tolerance: float = _SAME) -> bool:
+    """The same of lists: plain numbers decide most cases, and SciPy's solver takes several times as long as all of them."""
+    if any(math.dist(row, v) <= tolerance for row in rows):
+        return True
+    if len(rows) < 2:
+        return False
+    if len(rows) == 2:
+        n = _cross(*rows)
+        size = math.hypot(*n)
+        if size > _SLIM:
+            beyond = min(_dot(_cross(rows[0], v), n), _dot(_cross(v, rows[1]), n))
+            return abs(_dot(n, v)) <= tolerance * size and beyond >= 0.0
+    elif len(rows) == 3:
+        sides = [_cross(rows[k - 2], rows[k - 1]) for k in range(3)]
+        volume = _dot(rows[0], sides[0])
+        if abs(volume) > _SLIM:
+            sense = math.copysign(1.0, volume)
+            inside = min(sense * _dot(side, v) / math.hypot(*side) for side in sides)
+            if inside >= 0.0 or inside < -tolerance:
+                return inside >= 0.0
+    return nnls(np.array(rows).T, np.array(v))[1] <= tolerance
+
+
+def _cross(a: _Ray, b: _Ray) -> _Ray:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def _dot(a: _Ray, b: _Ray) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def separating_normals(normals_a: FloatArray, normals_b: FloatArray) -> FloatArray:
@@ -56,35 +92,41 @@ def intersection(first: FloatArray, second: FloatArray) -> FloatArray:
     """Extreme rays of the intersection of two cones that are given by rays, (m, 3) and (n, 3)."""
     if len(first) == len(second) == 1:
         return first if np.linalg.norm(first[0] - second[0]) <= _SAME else np.empty((0, 3))
-    rays = [ray for ray in first if in_cone(second, ray)] + [ray for ray in second if in_cone(first, ray)]
+    ones, others = first.tolist(), second.tolist()
+    rays: list[_Ray] = [ray for ray in ones if _inside(others, ray)] + [ray for ray in others if _inside(ones, ray)]
     # Where faces of both cones cross: along the line that two of their planes share.
-    for a, b in combinations(first, 2):
-        for c, d in combinations(second, 2):
-            along = np.cross(np.cross(a, b), np.cross(c, d))
-            length = float(np.linalg.norm(along))
-            if length > _SAME:
-                both = (along / length, -along / length)
-                rays += [ray for ray in both if in_cone(first, ray) and in_cone(second, ray)]
-    return extreme(np.array(rays).reshape(-1, 3))
+    for (a, b), (c, d) in product(combinations(ones, 2), combinations(others, 2)):
+        x, y, z = _cross(_cross(a, b), _cross(c, d))
+        length = math.hypot(x, y, z)
+        if length > _SAME:
+            for share in (1.0 / length, -1.0 / length):
+                ray = x * share, y * share, z * share
+                if not any(_is_same(ray, known) for known in rays) and _inside(ones, ray) and _inside(others, ray):
+                    rays.append(ray)
+    return _extreme(rays)
 
 
-def extreme(rays: FloatArray) -> FloatArray:
+def _is_same(one: _Ray, other: _Ray) -> bool:
+    return math.dist(one, other) <= _SAME
+
+
+def _extreme(rays: Sequence[_Ray]) -> FloatArray:
     """Those of some rays that are not combinations of the others, in an order that depends on them alone, (k, 3)."""
-    distinct: list[FloatArray] = []
+    distinct: list[_Ray] = []
     for ray in rays:
-        if all(np.linalg.norm(ray - other) > _SAME for other in distinct):
+        if not any(_is_same(ray, other) for other in distinct):
             distinct.append(ray)
     kept = list(distinct)
     for ray in distinct:
         others = [other for other in kept if other is not ray]
-        if others and in_cone(np.array(others), ray):
+        if others and _inside(others, ray):
             kept = others
     return np.array(sorted(kept, key=_order)).reshape(-1, 3)
 
 
-def _order(ray: FloatArray) -> tuple[float, ...]:
+def _order(ray: _Ray) -> tuple[float, ...]:
     """Sort key of a ray, in which rounding does not decide."""
-    return tuple(np.round(ray, 6).tolist())
+    return tuple(round(value, 6) for value in ray)
 
 
 def nearest_in_cone(rays: FloatArray, vector: FloatArray) -> FloatArray:
@@ -105,8 +147,15 @@ def cells(clauses: Sequence[FloatArray]) -> list[FloatArray]:
         Sets of normals, (k, 3) each, sorted; no cell contains another one.
     """
     terms: list[FloatArray] = [np.empty((0, 3))]
+    distinct: list[FloatArray] = []
     for clause in sorted(clauses, key=len):
-        wider = [extreme(np.vstack((term, ray))) for term in terms for ray in clause]
+        # Coplanar pieces say the same, and a clause that is fulfilled by a normal of each term adds nothing.
+        if any(len(clause) == len(other) and all(map(_is_same, clause.tolist(), other.tolist())) for other in distinct):
+            continue
+        distinct.append(clause)
+        if len(terms) == 1 and len(terms[0]) == 1 and any(_is_same(terms[0][0].tolist(), ray) for ray in clause.tolist()):
+            continue
+        wider = [_extreme([*term.tolist(), ray]) for term in terms for ray in clause.tolist()]
         terms = _absorbed(term for term in wider if _is_solid(term))[:_MOST_TERMS]
     return terms
 
@@ -114,7 +163,7 @@ def cells(clauses: Sequence[FloatArray]) -> list[FloatArray]:
 def _absorbed(terms: object) -> list[FloatArray]:
     """Terms without those that another one contains."""
     kept: list[FloatArray] = []
-    for term in sorted(terms, key=lambda rays: (len(rays), *map(_order, rays))):  # type: ignore[call-overload]
+    for term in sorted(terms, key=lambda rays: (len(rays), *map(_order, rays.tolist()))):  # type: ignore[call-overload]
         # The motions of a term are those of another one if each normal of that one follows from its own.
         if not any(all(in_cone(term, ray) for ray in other) for other in kept):
             kept = [other for other in kept if not all(in_cone(other, ray) for ray in term)]
@@ -124,6 +173,8 @@ def _absorbed(terms: object) -> list[FloatArray]:
 
 def _is_solid(term: FloatArray) -> bool:
     """Whether some motion opens all normals of a term at once: opposite normals leave a plane of motions, no cell."""
+    if len(term) == 1:
+        return True
     # 0 is in the convex hull of the normals if and only if no motion opens all: the least norm of means is its distance.
     weighted = np.vstack((term.T, np.ones(len(term))))
     shares, _ = nnls(weighted, np.array((0.0, 0.0, 0.0, 1.0)))

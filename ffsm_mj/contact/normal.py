@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import combinations, product
+from itertools import chain, combinations, product
 from typing import Any, NamedTuple
 
 import mujoco
@@ -37,6 +37,8 @@ _ITERATIONS = 20
 """Newton's steps: up to 8 in the tests until one is below :data:`_ROUNDING`; all where rounding keeps them above it."""
 _LONGEST_STEP = 0.1
 """Longest Newton step, rad."""
+_STRAYED = 3
+"""Steps that are longer than the one before and than :data:`_LONGEST_STEP`, after which a direction is given up."""
 _FLATTEST = 1e-9
 """Least curvature in m at which a Newton step is taken."""
 _EIGENVALUE_ROUNDING = 16.0 * EPSILON
@@ -54,8 +56,8 @@ def refine_normal(first: Shape, second: Shape, estimate: FloatArray) -> FloatArr
     """
     edges = _edges(first, second, estimate, _WIDTH)
     exact = not first.position_tolerance and not second.position_tolerance
-    if exact and (directions := _between_edges(first, second, estimate, edges)) is not None:
-        return _between_sides(first, second, directions)
+    if exact and (along := _along_features(first, second, estimate, edges)) is not None:
+        return _between_sides(first, second, along)
     best = _best_direction(first, second, estimate, _choices(edges))
     if exact:
         return _between_sides(first, second, best)
@@ -89,18 +91,18 @@ def _between_sides(first: Shape, second: Shape, normal: FloatArray) -> FloatArra
     return middle if separation(first, second, middle) >= separation(first, second, normal) - FLUSH_M else normal
 
 
-def _between_edges(first: Shape, second: Shape, estimate: FloatArray, edges: FloatArray) -> FloatArray | None:
-    """The normal of a face or of two edges, if it is the one of contact; None if other directions must be tried.
+def _along_features(first: Shape, second: Shape, estimate: FloatArray, edges: FloatArray) -> FloatArray | None:
+    """The first direction of some choices of edges along which features face each other; None if all must be compared.
 
-    Of bodies that do not overlap, no direction has a larger separation than one along which their features face each other.
+    Of bodies that do not overlap, no direction has a larger separation.
     """
     pairs = list(_pairs(edges))
-    if not pairs:
-        return None
-    best = _best_direction(first, second, estimate, pairs)
-    if best is estimate or separation(first, second, best) < -CONTACT_GAP_M:
-        return None
-    return best if is_normal(first, second, best) else None
+    of_pairs = (_best_direction(first, second, estimate, pairs) for _ in pairs[:1])
+    others = (_maximise(first, second, estimate, fixed) for fixed in (*edges[:, None], edges[:0]))
+    for normal in chain(of_pairs, others):
+        if separation(first, second, normal) >= -CONTACT_GAP_M and is_normal(first, second, normal):
+            return normal
+    return None
 
 
 def _edges(first: Shape, second: Shape, normal: FloatArray, width: float) -> FloatArray:
@@ -159,6 +161,7 @@ def _maximise(first: Shape, second: Shape, normal: FloatArray, edges: FloatArray
         return _towards(cross(edges[0], edges[1]), normal)
     if len(edges) == 1:
         normal = _towards(normal - (normal @ edges[0]) * edges[0], normal)
+    before, strayed = math.inf, 0
     for _ in range(_ITERATIONS):
         tangents = _tangents(normal, edges)
         offset = _mean(second.extreme(-normal)) - _mean(first.extreme(normal))
@@ -170,7 +173,10 @@ def _maximise(first: Shape, second: Shape, normal: FloatArray, edges: FloatArray
         step = np.linalg.solve(slope, tangents @ offset)
         length = math.hypot(*step)
         normal = _unit(normal + step @ tangents * min(1.0, _LONGEST_STEP / max(length, _LONGEST_STEP)))
-        if length < _ROUNDING:
+        # Between two corners that take turns there is no extremum: steps that grow again and again lead nowhere.
+        strayed += length > max(before, _LONGEST_STEP)
+        before = length
+        if length < _ROUNDING or strayed == _STRAYED:
             break
     return normal
 

@@ -27,7 +27,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.motion_bound import MotionBound
-from ffsm_mj.contact.normal import HalfSpaceNormal, NormalSearch, separation
+from ffsm_mj.contact.normal import ContactNormal, HalfSpaceNormal, NormalSearch, separation
 from ffsm_mj.contact.patch import caps_of, facing, flush_offset, touching_set
 from ffsm_mj.contact.proximity import FAR_M, Proximity, SecondRate, second_rate
 from ffsm_mj.contact.shape import Part, Shape, position_tolerance, side_radius
@@ -106,7 +106,8 @@ class ContactPair(Stateful):
         flush_angle: Angle of the normals at both ends of such sides, rad; 0 without round sides.
         size: Half the thinnest extent of both geoms in m; over a shorter motion the gap has at most one extremum.
         touches_once: Whether it touches at one point at most: one of the geoms is strictly convex.
-        rolls: Whether one of both bodies is nothing but a strictly convex geom.
+        rolls_on: Number of points at which a body that is nothing but one round geom lies on a plane, with all of it beyond:
+            1 of strictly convex geoms, 2 of capsules of unions; 0 of other bodies.
         has_pieces: Whether it has pieces of which some may touch while others are apart.
         is_beside: Whether the bodies may touch beside the face on which they lie flat.
         on_left: Called where pieces cease to be watched by contact points: they are to be followed by distance again.
@@ -152,7 +153,8 @@ class ContactPair(Stateful):
         self._kinds = {int(model.geom_type[g]) for g in self.geom_ids}
         scatters = _ELLIPSOID in self._kinds or (_CYLINDER in self._kinds and _SPHERE not in self._kinds)
         self._query_scatters = scatters and _PLANE not in self._kinds
-        self.touches_once = self.rolls = bool({_SPHERE, _ELLIPSOID} & self._kinds)
+        self.touches_once = bool({_SPHERE, _ELLIPSOID} & self._kinds)
+        self.rolls_on = int(self.touches_once)
         self.on_left: Callable[[], None] = _nothing
         self._check(system)
         on_robot = [body in system.robot.bodies for body in (self.body_a, self.body_b)]
@@ -267,7 +269,11 @@ class ContactPair(Stateful):
         if not self._query_scatters:
             return gap
         shapes = self.shapes(model, data)
-        return separation(*shapes, self._search.normal(model, data, shapes).normal)
+        return separation(*shapes, self._contact_normal(model, data, shapes).normal)
+
+    def _contact_normal(self, model: Any, data: Any, shapes: tuple[Shape, Shape]) -> ContactNormal:
+        """Contact normal at the state in ``data``, and what it was found from."""
+        return self._search.normal(model, data, shapes)
 
     def recall(self, data: Any, point: FloatArray) -> None:
         """Take a logged contact point as its own at the state in ``data``, where earlier states say which one it is."""
@@ -283,7 +289,7 @@ class ContactPair(Stateful):
     def proximity(self, model: Any, data: Any) -> Proximity:
         """Gap, normal, points and rates at the state in ``data`` (kinematics and velocities current)."""
         shapes = self.shapes(model, data)
-        normal, features, witness = self._search.normal(model, data, shapes)
+        normal, features, witness = self._contact_normal(model, data, shapes)
         points = touching_set(*features, normal, CONTACT_GAP_M + self.position_tolerance, self.flush_offset)
         # Features that do not overlap in projection, as corners that are too close: the middle of the witness points serves.
         points = points if len(points) else witness[None]

@@ -15,6 +15,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.shape import Shape
+from ffsm_mj.dynamics.rigid_body import cross
 from ffsm_mj.hull import hull, turn
 from ffsm_mj.tolerances import CONTACT_GAP_M, CROSSING, FLUSH_M, MERGED_M, PARALLEL, STRAIGHT
 
@@ -226,9 +227,9 @@ def _flattened(first: FloatArray, second: FloatArray, normal: FloatArray) -> tup
 
 def _axes_across(normal: FloatArray) -> FloatArray:
     """Two axes across a normal, (2, 3)."""
-    u = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
+    u = cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
     u /= np.linalg.norm(u)
-    return np.stack((u, np.cross(normal, u)))
+    return np.stack((u, cross(normal, u)))
 
 
 def _heights(heights: FloatArray, places: FloatArray, corners: FloatArray) -> FloatArray:

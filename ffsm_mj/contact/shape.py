@@ -19,7 +19,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.hull import hull
 from ffsm_mj.polytope import Polytope
-from ffsm_mj.tolerances import CONTACT_GAP_M, MERGED_M, MESH_PRECISION, PARALLEL, STRAIGHT
+from ffsm_mj.tolerances import CONTACT_GAP_M, EPSILON, MERGED_M, MESH_PRECISION, PARALLEL, STRAIGHT
 
 _ON_AXIS = 1e-9
 """A direction within this angle of the axis of a cylinder, in rad, has no radius of curvature around the axis."""
@@ -40,20 +40,22 @@ class Part:
     Attributes:
         body: Body in whose axes it is.
         polytope: The polytope, m.
+        corners: Its vertices, each once and sorted, m, (n, 3).
         centre: Mean of its vertices, m, (3,).
         radius: Greatest distance of its vertices from there, m.
     """
 
     body: int
     polytope: Polytope
+    corners: FloatArray
     centre: FloatArray
     radius: float
 
     @classmethod
     def of(cls, body: int, polytope: Polytope) -> Part:
         """The part of a body that is a polytope."""
-        centre = polytope.vertices.mean(axis=0)
-        return cls(body, polytope, centre, float(np.linalg.norm(polytope.vertices - centre, axis=1).max()))
+        corners, centre = np.unique(polytope.vertices, axis=0), polytope.vertices.mean(axis=0)
+        return cls(body, polytope, corners, centre, float(np.linalg.norm(polytope.vertices - centre, axis=1).max()))
 
 
 class Shape:
@@ -121,6 +123,25 @@ class Shape:
         else:
             points = self._mesh_points(local, width)
         return np.asarray(self._position + points @ self._rotation.T)
+
+    def extents(self, directions: FloatArray) -> FloatArray:
+        """Greatest coordinates of its points along unit vectors, (k, 3), m, (k,); that of a plane is along its normal."""
+        local, size = directions @ self._rotation, self._size
+        if self._kind == _SPHERE:
+            extents = np.full(len(local), size[0])
+        elif self._kind == _ELLIPSOID:
+            extents = np.linalg.norm(size * local, axis=1)
+        elif self._kind == _BOX:
+            extents = np.abs(local) @ size
+        elif self._kind == _CAPSULE:
+            extents = size[0] + size[1] * np.abs(local[:, 2])
+        elif self._kind == _CYLINDER:
+            extents = size[0] * np.hypot(local[:, 0], local[:, 1]) + size[1] * np.abs(local[:, 2])
+        elif self._kind == _PLANE:
+            extents = np.where(1.0 - local[:, 2] <= EPSILON, 0.0, math.inf)
+        else:
+            extents = (self._vertices() @ local.T).max(axis=0)
+        return np.asarray(directions @ self._position + extents)
 
     def cap(self, direction: FloatArray, tolerance: float) -> tuple[FloatArray, FloatArray, float] | None:
         """Centre, two axes in its plane (2, 3) and radius in m of the cap along a unit vector; None if there is none."""
@@ -207,12 +228,13 @@ class Shape:
         else:
             reach = width * self._part.radius
         reach = reach if width > 0.0 else 0.0
-        return np.unique(vertices[heights >= heights.max() - reach], axis=0)
+        highest = vertices[heights >= heights.max() - reach]
+        return highest if self._part is not None or len(highest) == 1 else np.unique(highest, axis=0)
 
     def _vertices(self) -> FloatArray:
         """Vertices of the mesh in the axes of the geom or of the body of the part, (n, 3)."""
         if self._part is not None:
-            return self._part.polytope.vertices
+            return self._part.corners
         model, mesh = self._model, int(self._model.geom_dataid[self._geom])
         first = int(model.mesh_vertadr[mesh])
         return np.asarray(model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])].astype(np.float64))

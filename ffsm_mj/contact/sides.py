@@ -14,11 +14,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_mj.arrays import FloatArray
+from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.features.body_motion import Vector
 from ffsm_mj.contact.features.cores import Circle, Core, Face, Line, Point, RegionFace
-from ffsm_mj.contact.shape import Part
+from ffsm_mj.contact.shape import Part, Shape
 from ffsm_mj.contact.solid.rods import Ends, Rod, covered_ends
 from ffsm_mj.contact.solid.solid import Solid
 from ffsm_mj.contact.solid.tree import BoxTree
@@ -28,6 +28,8 @@ from ffsm_mj.tolerances import FEATURE_BOUND_M, MERGED_M, MESH_PRECISION
 
 _BOX, _MESH = int(mujoco.mjtGeom.mjGEOM_BOX), int(mujoco.mjtGeom.mjGEOM_MESH)
 _CAPSULE, _CYLINDER = int(mujoco.mjtGeom.mjGEOM_CAPSULE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)
+_FACES = 8
+"""Faces of a piece over which heights of points are measured: cells of a partition have few more."""
 _TOUCHING_M, _NEAR_M = 1e-6, 1e-3
 """Geoms of one body within the first distance touch each other; the limit of the queries that tell."""
 
@@ -44,6 +46,8 @@ class Piece:
         middle: Middle of the geom, axes of the body, m, (3,).
         centre: Centre of a sphere around it, axes of the body, m, (3,).
         radius: Radius of that sphere, m.
+        core: Start and end of a segment, axes of the body, m, (2, 3): the axis of a long round geom, else the centre twice.
+        width: Radius around that segment within which all of it is, m.
         half_width: Half its thinnest extent, m.
         polytope: It as a polytope, axes of the body; None for round geoms.
     """
@@ -55,6 +59,8 @@ class Piece:
     middle: FloatArray
     centre: FloatArray
     radius: float
+    core: FloatArray
+    width: float
     half_width: float
     polytope: Polytope | None
 
@@ -95,6 +101,8 @@ class Side:
         self._rods = rods
         self.centres: FloatArray = np.array([piece.centre for piece in pieces])
         self.radii: FloatArray = np.array([piece.radius for piece in pieces])
+        self.cores: FloatArray = np.array([piece.core for piece in pieces])
+        self.widths: FloatArray = np.array([piece.width for piece in pieces])
 
     @cached_property
     def _polytopes(self) -> frozenset[int]:
@@ -109,6 +117,45 @@ class Side:
         """Radius of the sphere around the middle of a geom that contains all pieces, m."""
         middle = next(piece.middle for piece in self.pieces if piece.geom == geom)
         return float((np.linalg.norm(self.centres - middle, axis=1) + self.radii).max())
+
+    @cached_property
+    def _planes(self) -> tuple[FloatArray, FloatArray]:
+        """Normals, (n, f, 3), and offsets, (n, f), m, of up to _FACES faces of each piece; infinite offsets: no face."""
+        normals, offsets = np.zeros((len(self.pieces), _FACES, 3)), np.full((len(self.pieces), _FACES), np.inf)
+        for piece in self.pieces:
+            if piece.polytope is not None:
+                count = min(len(piece.polytope.offsets), _FACES)
+                normals[piece.number, :count] = piece.polytope.normals[:count]
+                offsets[piece.number, :count] = piece.polytope.offsets[:count]
+        return normals, offsets
+
+    def above(self, pieces: IntArray, cores: FloatArray) -> FloatArray:
+        """Greatest heights of segments, (n, 2, 3), axes of the body, over faces of one piece each, m, (n,).
+
+        No point of the piece is nearer than that; -inf over round ones, which have no faces.
+        """
+        normals, offsets = self._planes
+        start, end = np.einsum("nfi,nei->enf", normals[pieces], cores)
+        heights = np.minimum(start, end) - offsets[pieces]
+        while half := heights.shape[1] // 2:  # numpy takes three times as long for a maximum along a short axis
+            heights = np.maximum(heights[:, :half], heights[:, half:])
+        return np.asarray(heights[:, 0])
+
+    @cached_property
+    def _corners(self) -> tuple[FloatArray, IntArray]:
+        """Vertices of all polytopes, the first pieces, axes of the body, m, (v, 3), and where each begins, (n,)."""
+        vertices = [piece.polytope.vertices for piece in self.pieces if piece.polytope is not None]
+        return np.concatenate(vertices), np.cumsum([0, *map(len, vertices[:-1])])
+
+    def extents(self, model: Any, data: Any, direction: FloatArray) -> FloatArray:
+        """Greatest coordinates of the pieces along a unit vector, world axes, m, (n,)."""
+        shapes = [Shape(model, data, piece.geom) for piece in self.pieces if piece.polytope is None]
+        extents = [shape.extents(direction[None]) for shape in shapes]
+        if self.solid is not None:
+            corners, starts = self._corners
+            heights = corners @ (direction @ data.xmat[self.body].reshape(3, 3)) + direction @ data.xpos[self.body]
+            extents.insert(0, np.maximum.reduceat(heights, starts))
+        return np.concatenate(extents)
 
     def at(self, point: FloatArray, reach: float) -> list[Piece]:
         """Pieces whose boxes are within a reach of a point, axes of the body, m."""
@@ -278,7 +325,10 @@ class Sides:
                 middle, reach = position + rotation @ model.geom_aabb[geom, :3], np.abs(rotation) @ half
                 bounds.append(np.stack((middle - reach, middle + reach)))
                 kind = int(model.geom_type[geom])
-                parts.append(Piece(len(parts), geom, None, kind, position, position, radius, float(half.min()), None))
+                size, long = model.geom_size[geom], kind in (_CYLINDER, _CAPSULE)
+                core = position + np.outer((-size[1], size[1]) if long else (0.0, 0.0), rotation[:, 2])
+                width, thin = float(size[0]) if long else radius, float(half.min())
+                parts.append(Piece(len(parts), geom, None, kind, position, position, radius, core, width, thin, None))
         return Side(body, tuple(parts), np.array(bounds), solid, self._rods(parts, poses))
 
     def _rods(self, parts: Sequence[Piece], poses: Mapping[int, tuple[FloatArray, FloatArray]]) -> dict[int, Ends]:
@@ -299,7 +349,8 @@ class Sides:
         part = None if stays else Part.of(body, after)
         centre = after.vertices.mean(axis=0)
         radius = float(np.linalg.norm(after.vertices - centre, axis=1).max())
-        return Piece(number, geom, part, kind, middle, centre, radius, 0.5 * after.thickness, after)
+        core = np.stack((centre, centre))
+        return Piece(number, geom, part, kind, middle, centre, radius, core, radius, 0.5 * after.thickness, after)
 
 
 def _count(model: Any, geom: int, pieces: Mapping[int, tuple[Polytope, ...]]) -> int:

@@ -14,19 +14,19 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from operator import itemgetter
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from ffsm_mj.arrays import FloatArray
+from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.cells import cells, chosen_cell, in_cone, separating_normals
 from ffsm_mj.contact.features.gap_function import Feature
-from ffsm_mj.contact.normal import DISTANCE_LIMIT_M, NormalSearch, separation
+from ffsm_mj.contact.near_pieces import NearPieces, face_normal, sphere_normal
+from ffsm_mj.contact.normal import DISTANCE_LIMIT_M, ContactNormal, NormalSearch, separation
 from ffsm_mj.contact.pairs import ContactPair, gap_rounding
-from ffsm_mj.contact.patch import corners_across
+from ffsm_mj.contact.patch import corners_across, facing, opposite
 from ffsm_mj.contact.probe import PartSearch, Probe
 from ffsm_mj.contact.proximity import AT_END, FAR_M, Proximity, SecondRate, second_rate
 from ffsm_mj.contact.shape import Shape
@@ -40,7 +40,8 @@ _QUERY_M = 1e-3
 """Limit of queries that look for pieces in contact: a small limit ends a query early."""
 _TURNED = 1e-4
 """Normals of a contact point that is held and of the patch that is found there differ by less: in a corner by much more."""
-_ONE_POINT = (int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_ELLIPSOID))
+_SPHERE, _CAPSULE = int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_CAPSULE)
+_ONE_POINT = {_SPHERE, int(mujoco.mjtGeom.mjGEOM_ELLIPSOID)}
 """Strictly convex geoms: they touch any convex geom at one point only."""
 
 
@@ -108,34 +109,31 @@ class PiecePair(ContactPair):
             return near
         # Deeper than a contact drifts, and no overlap: a body that slides over a seam touches the next piece on top, where
         # it approached its covered side. The normal turns at once, and the search does not find it from the last one.
-        self._search.start_from(self._best_face(model, data))
+        if (face := face_normal(self.pieces, self.union.sides, data, self.shapes(model, data))) is not None:
+            self._search.start_from(face)
         return super().proximity(model, data)
 
-    def _best_face(self, model: Any, data: Any) -> FloatArray:
-        """Normal from a to b of the face of either piece that parts them best, world axes, (3,)."""
-        normals = [
-            sense * piece.polytope.normals @ data.xmat[side.body].reshape(3, 3).T
-            for piece, side, sense in zip(self.pieces, self.union.sides, (1.0, -1.0), strict=True)
-            if piece.polytope is not None
-        ]
-        shapes = self.shapes(model, data)
-        return max(np.concatenate(normals), key=lambda normal: separation(*shapes, normal))
+    def _contact_normal(self, model: Any, data: Any, shapes: tuple[Shape, Shape]) -> ContactNormal:
+        # No direction parts two pieces better than one along which their features face each other.
+        of = self.pieces, self.union.sides, data
+        normal = sphere_normal(*of) if _SPHERE in self._kinds else face_normal(*of, shapes)
+        if normal is not None and separation(*shapes, normal) >= -CONTACT_GAP_M:
+            features = facing(*shapes, normal)
+            if opposite(*features, normal, self.flush_offset):
+                self._search.start_from(normal)
+                return ContactNormal(normal, features, 0.5 * (features[0].mean(axis=0) + features[1].mean(axis=0)))
+        return super()._contact_normal(model, data, shapes)
 
     def gap_to_rounding(self, model: Any, data: Any, gap: float) -> float:
         """The gap at the state in ``data``, to rounding; see :class:`ContactPair`."""
-        return self.alone(model, data).gap if self._query_scatters else gap
+        # An overlap that a query shows may be that of a search which has not turned to the next piece.
+        exact = gap > 0.0 or not self._query_scatters
+        return super().gap_to_rounding(model, data, gap) if exact else self.alone(model, data).gap
 
     @property
     def is_curved(self) -> bool:
         """Whether one of the pieces is round."""
         return any(piece.is_curved for piece in self.pieces)
-
-    def is_parted(self, model: Any, data: Any, face: Feature) -> bool:
-        """Whether the plane of a face in contact is between both pieces."""
-        at, (a, b) = face.at(data), self.shapes(model, data)
-        level = float(at.normal @ at.point)
-        highest, lowest = (a.extreme(at.normal) @ at.normal).max(), (b.extreme(-at.normal) @ at.normal).min()
-        return bool(highest <= level + AT_POINT_M and lowest >= level - AT_POINT_M)
 
 
 class UnionPair(ContactPair):
@@ -176,16 +174,19 @@ class UnionPair(ContactPair):
         super().__init__(system, name, *first, restitution, mu, rule=rule)
         self.body_a, self.body_b = (side.body for side in sides)
         self.position_tolerance, self.touches_once = 0.0, False
-        self.rolls = any(len(side.pieces) == 1 and side.pieces[0].kind in _ONE_POINT for side in sides)
+        alone = {side.pieces[0].kind for side in sides if len(side.pieces) == 1}
+        self.rolls_on = 1 if alone & _ONE_POINT else 2 if _CAPSULE in alone else 0
         self._allowed = np.array([[(a.geom, b.geom) in self._geoms for b in sides[1].pieces] for a in sides[0].pieces])
         self.of_rule = tuple(frozenset(np.flatnonzero(self._allowed.any(axis=k)).tolist()) for k in (1, 0))
         self._known: dict[int, PiecePair] = {}
         a, b = sides
         self._radii = a.radius_about(first[0]), b.radius_about(first[1])
         self.joined: frozenset[int] = frozenset()
+        self._near, self._last = NearPieces(sides), -1
         self._closed: tuple[Feature, ...] = ()
         self._face: Feature | None = None
-        self.is_beside = True
+        self._parted: BoolArray | None = None
+        self._apart, self.is_beside = self._allowed, True
         self._together: Sequence[UnionPair] = (self,)
 
     @dataclass
@@ -248,57 +249,56 @@ class UnionPair(ContactPair):
             self._known[number] = PiecePair(self._system, self, a.pieces[i], b.pieces[k])
         return self._known[number]
 
-    def _between(self, data: Any) -> tuple[FloatArray, FloatArray]:
-        """Rotation and position of the axes of b in those of a."""
-        (a, b), axes = self.sides, data.xmat[self.sides[0].body].reshape(3, 3)
-        return axes.T @ data.xmat[b.body].reshape(3, 3), (data.xpos[b.body] - data.xpos[a.body]) @ axes
+    def within(self, model: Any, data: Any, reach: float, among: BoolArray | None = None) -> list[tuple[float, int]]:
+        """Gaps, as queries say, and numbers of the pairs of pieces that are within a reach in m, the nearest first.
 
-    def _numbers(self, data: Any, reach: float) -> list[int]:
-        """Numbers of the pairs of pieces whose boxes are within a reach in m."""
-        a, b = self.sides
-        near = a.tree.pairs(b.tree, *self._between(data), reach)
-        numbers: list[int] = (near[:, 0] * len(b.pieces) + near[:, 1])[self._allowed[near[:, 0], near[:, 1]]].tolist()
-        return numbers
-
-    def within(self, model: Any, data: Any, reach: float, leave_out: Collection[int] = ()) -> list[tuple[float, int]]:
-        """Gaps, as queries say, and numbers of the pairs of pieces that are within a reach in m, the nearest first."""
-        near = (k for k in self._numbers(data, reach) if k not in leave_out)
-        gaps = ((self.piece_pair(k).gap(model, data, reach), k) for k in near)
+        Args:
+            model: MuJoCo model.
+            data: Its data, kinematics current.
+            reach: The reach.
+            among: Which pairs count, (pieces of a, pieces of b); None: all of the rule.
+        """
+        numbers, _ = self._near.within(self._allowed if among is None else among, data, reach)
+        gaps = ((self.piece_pair(k).gap(model, data, reach), k) for k in numbers.tolist())
         return sorted((gap, k) for gap, k in gaps if gap < reach)
 
     def gap(self, model: Any, data: Any, limit: float = FAR_M) -> float:
         """Signed distance in m of the unions from distance queries; ``limit`` if it is larger."""
-        return self._nearest((), model, data, limit)[0]
+        return self._nearest(self._allowed, model, data, limit)[0]
 
-    def _nearest(self, leave_out: Collection[int], model: Any, data: Any, limit: float) -> tuple[float, int]:
-        """The least gap of all pairs of pieces but some, m, and the number of that pair; the limit if it is larger."""
-        a, b = self.sides
-        best = limit, -1
-        for bound, i, k in a.tree.nearest_first(b.tree, *self._between(data), limit):
-            number = i * len(b.pieces) + k
-            if bound >= best[0]:
+    def _nearest(self, among: BoolArray, model: Any, data: Any, limit: float) -> tuple[float, int]:
+        """The least gap of some pairs of pieces, m, and the number of that pair; the limit and -1 if it is larger."""
+        # The pair that was nearest last, or seems to be, tells how far to look.
+        first = self._last if self._last >= 0 and among.flat[self._last] else self._near.first_guess(among, data)
+        if first < 0:
+            return limit, first
+        best = self.piece_pair(first).gap(model, data, limit), first
+        numbers, bounds = self._near.within(among, data, best[0])
+        for k in np.argsort(bounds, kind="stable").tolist():
+            if bounds[k] >= best[0]:
                 break
-            # A pair that is farther away says the limit, the gap of the nearest one so far.
-            if number not in leave_out and self._allowed[i, k]:
-                best = min(best, (self.piece_pair(number).gap(model, data, best[0]), number), key=itemgetter(0))
-        return best
+            if (number := int(numbers[k])) != first:
+                # A pair that is farther away says the limit, the gap of the nearest one so far.
+                gap = self.piece_pair(number).gap(model, data, best[0])
+                best = (gap, number) if gap < best[0] else best
+        self._last = best[1]
+        return best if best[0] < limit else (limit, -1)
 
     def _nearest_pair(self, model: Any, data: Any) -> PiecePair:
         """The two pieces that are nearest to each other."""
-        return self.piece_pair(self._nearest((), model, data, DISTANCE_LIMIT_M)[1])
+        return self.piece_pair(self._nearest(self._allowed, model, data, DISTANCE_LIMIT_M)[1])
 
     def gap_to_rounding(self, model: Any, data: Any, gap: float) -> float:
         """The gap at the state in ``data``, to rounding; see :class:`ContactPair`."""
-        nearest, number = self._nearest((), model, data, DISTANCE_LIMIT_M)
-        return self.piece_pair(number).gap_to_rounding(model, data, nearest) if number >= 0 else gap
+        return self.piece_pair(self._last).gap_to_rounding(model, data, gap)  # of the pieces that the query found
 
     def watched_gap(self, model: Any, data: Any, limit: float) -> float:
-        """The same without the pieces that are joined."""
-        return self._nearest(self.joined, model, data, limit)[0]
+        """The same of what event location has to follow, see :meth:`apart_within`."""
+        return self._nearest(self._apart, model, data, limit)[0]
 
     def apart_within(self, model: Any, data: Any, reach: float) -> list[PiecePair]:
-        """Pairs of pieces within a reach in m that are not joined."""
-        return [self.piece_pair(k) for _, k in self.within(model, data, reach, self.joined)]
+        """Pairs of pieces within a reach in m that are not joined, nor parted by the face on which the bodies lie flat."""
+        return [self.piece_pair(k) for _, k in self.within(model, data, reach, self._apart)]
 
     def joined_pairs(self) -> list[PiecePair]:
         """Pairs of pieces that are joined."""
@@ -308,19 +308,34 @@ class UnionPair(ContactPair):
         """Note the contact points that persistent contact holds: what is joined follows from them at the next step."""
         if self._closed != (closed := tuple(features)):
             self._closed, self.joined = closed, frozenset()
+            self._watch(None)
             self.on_left()
+
+    def lie_on(self, face: Feature | None) -> None:
+        """Note a corner on the face on which the bodies lie flat; None: they do not."""
+        self._face = face
+        self._watch(None)
+
+    def _watch(self, parted: BoolArray | None) -> None:
+        """Take what the plane of the face parts, and with it which pairs of pieces are followed."""
+        joined, self._parted = list(self.joined), parted
+        self._apart = self._allowed.copy() if parted is None else self._allowed & ~parted
+        self._apart.flat[joined] = False
+        self.is_beside = parted is None or not parted.flat[joined].all()
 
     def join(self, model: Any, data: Any) -> None:
         """Take the pairs of pieces that touch in patches that are held at the state in ``data`` as joined."""
         near = [k for gap, k in self.within(model, data, 2.0 * DISTANCE_QUERY_M) if gap <= DISTANCE_QUERY_M]
         joined = frozenset(k for k in near if k in self.joined or self._goes_on(self.piece_pair(k), model, data))
-        if not joined.issuperset(self.joined):
+        parted = self._parted
+        if parted is None and self._face is not None:  # bodies that lie flat move along the plane: what it parts stays
+            parted = self._near.parted_by(self._face, model, data, AT_POINT_M)
+        left = self.joined - joined
+        if joined != self.joined or parted is not self._parted:
+            self.joined = joined
+            self._watch(parted)
+        if self._apart.flat[list(left)].any():
             self.on_left()
-        if joined != self.joined or self.is_beside:
-            # Bodies that lie level stay on both sides of the plane: it is asked again where other pieces touch.
-            face = self._face
-            self.is_beside = face is None or not all(self.piece_pair(k).is_parted(model, data, face) for k in joined)
-        self.joined = joined
 
     def _goes_on(self, pair: PiecePair, model: Any, data: Any) -> bool:
         """Whether the contact of two pieces is in a patch that is held."""
@@ -332,10 +347,6 @@ class UnionPair(ContactPair):
         # By the normals of now: they turn with a, with b or with neither, as faces and edges meet.
         closed = (feature for union in self.together for feature in union._closed)
         return any(math.dist(feature.at(data).normal, near.normal) <= _TURNED for feature in closed)
-
-    def lie_on(self, face: Feature | None) -> None:
-        """Note a corner on the face on which the bodies lie flat; None: they do not."""
-        self._face, self.is_beside = face, True
 
     def closing_speed_bound(self, data: Any) -> float:
         """Bound on the closing speed of any two pieces; see :class:`ContactPair`."""

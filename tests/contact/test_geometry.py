@@ -282,3 +282,16 @@ def test_the_normal_at_the_border_of_a_small_facet_does_not_depend_on_the_estima
             found = refine_normal(*shapes, estimate / np.linalg.norm(estimate))
             # A facet of 1e-2 m and corners at 0.2 m rounded to 1e-16 m: its normal is known to 1e-13 rad.
             np.testing.assert_allclose(found, normal, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_extents_are_those_of_extreme_points(name, rng):
+    """Along many directions at once."""
+    model = mujoco.MjModel.from_xml_string(shape(name))
+    data = mujoco.MjData(model)
+    data.qpos[:] = rng.normal(size=7)
+    mujoco.mj_kinematics(model, data)
+    one, directions = Shape(model, data, 0), rng.normal(size=(20, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    expected = [support(name, model, data, 0, direction) for direction in directions]
+    np.testing.assert_allclose(one.extents(directions), expected, atol=1e-14)

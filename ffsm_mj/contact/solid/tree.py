@@ -6,10 +6,6 @@ whole arrays, for which numpy takes less time than a descent node by node throug
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
-from heapq import heapify, heappop
-
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
@@ -35,18 +31,16 @@ class BoxTree:
         self._centre, self._half = self.bounds.mean(axis=0), 0.5 * (self.bounds[1] - self.bounds[0])
         self._radius = float(np.linalg.norm(self._half))
         self._ids = _sorted(bounds.mean(axis=1), np.arange(len(bounds)))
-        lower, upper = bounds[self._ids].swapaxes(0, 1)
-        self._boxes = _Boxes(np.ascontiguousarray(lower), np.ascontiguousarray(upper))
-        starts = np.arange(0, len(bounds), _BLOCK)
-        self._blocks = _Boxes(np.minimum.reduceat(lower, starts), np.maximum.reduceat(upper, starts))
+        # Greatest coordinates with the opposite sign: what is left of a gap is one sum for each side.
+        self._boxes = np.concatenate((bounds[self._ids, 0], -bounds[self._ids, 1]), axis=1)
+        self._blocks = np.minimum.reduceat(self._boxes, np.arange(0, len(bounds), _BLOCK))
 
     def near(self, lower: FloatArray, upper: FloatArray, reach: float) -> IntArray:
         """Ids of the boxes that are no farther than a reach from a box, both in the axes of this solid, ascending, (k,)."""
-        box, squared = _Boxes(lower, upper), reach * reach
-        blocks = np.flatnonzero(self._blocks.squared_distances(box) <= squared)
+        opposite, squared = np.concatenate((-upper, lower)), reach * reach
+        blocks = np.flatnonzero(_squared_gaps(self._blocks, opposite) <= squared)
         members, _ = _expanded(blocks, blocks, len(self._ids))
-        near = self._boxes.part(members).squared_distances(box) <= squared
-        return np.sort(self._ids[members[near]])
+        return np.sort(self._ids[members[_squared_gaps(self._boxes[members], opposite) <= squared]])
 
     def pairs(self, other: BoxTree, rotation: FloatArray, position: FloatArray, reach: float) -> IntArray:
         """Pairs of a box of this tree and one of another that are no farther apart than a reach in m, (k, 2).
@@ -63,72 +57,35 @@ class BoxTree:
         outside = np.abs(rotation @ other._centre + position - self._centre) - self._half
         if float(np.linalg.norm(np.maximum(outside, 0.0))) > other._radius + reach:
             return np.empty((0, 2), dtype=np.intp)
-        squared, blocks = reach * reach, other._blocks.turned(rotation, position)
-        ours, theirs = np.nonzero(self._blocks.squared_gaps(blocks) <= squared)
+        squared, turn, shift = reach * reach, *_turn(rotation, position)
+        blocks = other._blocks @ turn + shift
+        ours, theirs = np.nonzero(_squared_gaps(self._blocks[:, None], blocks) <= squared)
         # Of a pair of blocks first the boxes of one that are near the other block: few are near the seam of both.
         ours, theirs = _expanded(ours, theirs, len(self._ids))
-        near = self._boxes.part(ours).squared_distances(blocks.part(theirs)) <= squared
+        near = _squared_gaps(self._boxes[ours], blocks[theirs]) <= squared
         theirs, ours = _expanded(theirs[near], ours[near], len(other._ids))
-        turned = other._boxes.turned(rotation, position).part(theirs)
-        near = self._boxes.part(ours).squared_distances(turned) <= squared
+        near = _squared_gaps(self._boxes[ours], other._boxes[theirs] @ turn + shift) <= squared
         pairs = np.stack((self._ids[ours[near]], other._ids[theirs[near]]), axis=1)
         return np.asarray(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))])
 
-    def nearest_first(
-        self, other: BoxTree, rotation: FloatArray, position: FloatArray, limit: float
-    ) -> Iterator[tuple[float, int, int]]:
-        """Distances of the boxes of pairs in m, ascending, and the pairs, up to a limit in m; see :meth:`pairs`.
 
-        No pair of pieces is nearer than its boxes: who seeks the nearest pieces stops at the first distance that exceeds
-        theirs, before most blocks have been looked into.
-        """
-        blocks, boxes = (level.turned(rotation, position) for level in (other._blocks, other._boxes))
-        squared = self._blocks.squared_gaps(blocks)
-        near = np.flatnonzero(squared.ravel() <= limit * limit)
-        order = near[np.argsort(squared.ravel()[near], kind="stable")].tolist()
-        waiting: list[tuple[float, int, int]] = []
-        for block in order:
-            k, i = (slice(start * _BLOCK, (start + 1) * _BLOCK) for start in divmod(block, len(blocks)))
-            least = float(squared.flat[block])
-            while waiting and waiting[0][0] <= least:
-                distance, one, two = heappop(waiting)
-                yield math.sqrt(distance), one, two
-            gaps = self._boxes.part(k).squared_gaps(boxes.part(i))
-            ours, theirs = np.nonzero(gaps <= limit * limit)
-            ids = self._ids[k][ours].tolist(), other._ids[i][theirs].tolist()
-            waiting += zip(gaps[ours, theirs].tolist(), *ids, strict=True)
-            heapify(waiting)
-        yield from ((math.sqrt(distance), one, two) for distance, one, two in sorted(waiting))
+def _turn(rotation: FloatArray, position: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Matrix, (6, 6), and offset, (6,), of boxes along other axes around given ones, opposite to them.
+
+    Boxes (least, -greatest coordinates) become (-greatest, least). Of the coordinates along an axis, those that a positive
+    number of the matrix multiplies stay on their side, and the others change it.
+    """
+    sizes, matrix = np.abs(rotation.T), np.empty((6, 6))  # filled by parts: np.block takes as long as a query
+    matrix[:3, 3:] = matrix[3:, :3] = 0.5 * (sizes + rotation.T)
+    matrix[:3, :3] = matrix[3:, 3:] = 0.5 * (sizes - rotation.T)
+    return matrix, np.concatenate((-position, position))
 
 
-class _Boxes:
-    """Boxes as arrays of least and greatest coordinates, (n, 3)."""
-
-    def __init__(self, lower: FloatArray, upper: FloatArray) -> None:
-        self.lower, self.upper = lower, upper
-
-    def __len__(self) -> int:
-        return len(self.lower)
-
-    def part(self, places: IntArray | slice) -> _Boxes:
-        return _Boxes(self.lower[places], self.upper[places])
-
-    def turned(self, rotation: FloatArray, position: FloatArray) -> _Boxes:
-        """Boxes along other axes around these."""
-        centre, half = 0.5 * (self.lower + self.upper) @ rotation.T + position, 0.5 * (self.upper - self.lower)
-        half = half @ np.abs(rotation).T
-        return _Boxes(centre - half, centre + half)
-
-    def squared_gaps(self, other: _Boxes) -> FloatArray:
-        """Squared distances of all boxes from all others, (n, m), m2."""
-        gaps = np.maximum(self.lower[:, None] - other.upper, other.lower - self.upper[:, None])
-        np.maximum(gaps, 0.0, out=gaps)
-        return np.asarray(np.einsum("nmi,nmi->nm", gaps, gaps))
-
-    def squared_distances(self, other: _Boxes) -> FloatArray:
-        """Squared distances of boxes from their counterparts, or from one box, (n,), m2."""
-        gaps = np.maximum(np.maximum(self.lower - other.upper, other.lower - self.upper), 0.0)
-        return np.asarray(np.einsum("ni,ni->n", gaps, gaps))
+def _squared_gaps(boxes: FloatArray, opposite: FloatArray) -> FloatArray:
+    """Squared distances of boxes (least, -greatest) from others that are given as (-greatest, least), m2."""
+    gaps = boxes + opposite
+    np.maximum(gaps, 0.0, out=gaps)  # of two opposite sides one at most is beyond the other box
+    return np.asarray(np.einsum("...i,...i->...", gaps, gaps))
 
 
 def _sorted(centres: FloatArray, ids: IntArray) -> IntArray:

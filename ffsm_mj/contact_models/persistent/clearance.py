@@ -131,8 +131,10 @@ class Clearance:
 
 
 def _rolls_on_face(pair: ContactPair, features: Sequence[Feature]) -> bool:
-    """Whether a sphere or ellipsoid is on one face of a union: it is beyond the plane of that face as three corners are."""
-    return pair.rolls and [type(feature) in (PointOnFace, RoundOnFace) for feature in features] == [True]
+    """Whether a sphere, an ellipsoid or both ends of a capsule are on one face: all of it is beyond that plane."""
+    if len(features) != pair.rolls_on or any(type(feature) not in (PointOnFace, RoundOnFace) for feature in features):
+        return False
+    return len(features) == 1 or (len(features) == 2 and over_one_face(*features))
 
 
 def _lie_flat(features: Sequence[Feature]) -> bool:

@@ -1,0 +1,99 @@
+"""Which pieces of two rigid bodies may be near each other, and the normals of pieces whose features are faces.
+
+Queries of pairs of pieces are what unions cost. A pair is queried only if lower bounds of its gap leave it open: distances
+of spheres around the pieces, and heights of a piece over the faces of the other, which are the gap itself over a face.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
+from ffsm_mj.contact.features.gap_function import Feature
+from ffsm_mj.contact.shape import Shape
+from ffsm_mj.contact.sides import Piece, Side
+
+_FEW = 1024
+"""Up to so many pairs of pieces the spheres around all of them are compared: that takes less time than the tree."""
+
+
+class NearPieces:
+    """Pairs of pieces of two rigid bodies, a and b, by their places: number in a times pieces of b plus number in b."""
+
+    def __init__(self, sides: tuple[Side, Side]) -> None:
+        """Take the bodies."""
+        self._sides = sides
+
+    def _between(self, data: Any) -> tuple[FloatArray, FloatArray]:
+        """Rotation and position of the axes of b in those of a."""
+        (a, b), axes = self._sides, data.xmat[self._sides[0].body].reshape(3, 3)
+        return axes.T @ data.xmat[b.body].reshape(3, 3), (data.xpos[b.body] - data.xpos[a.body]) @ axes
+
+    def within(self, among: BoolArray, data: Any, reach: float) -> tuple[IntArray, FloatArray]:
+        """Places of those pairs that may be within a reach, and lower bounds of their gaps, m, (n,) each.
+
+        Args:
+            among: Which pairs count, (pieces of a, pieces of b).
+            data: MuJoCo's data, kinematics current.
+            reach: The reach, m.
+        """
+        (a, b), (rotation, position) = self._sides, self._between(data)
+        if among.size <= _FEW:
+            ours, theirs = np.nonzero(among)
+        else:
+            ours, theirs = a.tree.pairs(b.tree, rotation, position, max(reach, 0.0)).T
+            chosen = among[ours, theirs]
+            ours, theirs = ours[chosen], theirs[chosen]
+        apart = a.centres[ours] - (b.centres @ rotation.T + position)[theirs]
+        bounds = np.sqrt(np.einsum("ni,ni->n", apart, apart)) - a.radii[ours] - b.radii[theirs]
+        near = bounds <= reach  # faces are looked at of few only
+        ours, theirs, bounds = ours[near], theirs[near], bounds[near]
+        over_theirs = b.above(theirs, ((a.cores - position) @ rotation)[ours]) - a.widths[ours]
+        over_ours = a.above(ours, (b.cores @ rotation.T + position)[theirs]) - b.widths[theirs]
+        bounds = np.maximum(bounds, np.maximum(over_theirs, over_ours))
+        near = bounds <= reach
+        return (ours * len(b.pieces) + theirs)[near], bounds[near]
+
+    def first_guess(self, among: BoolArray, data: Any) -> int:
+        """Place of that of some pairs whose centres are nearest to each other; -1 if there is none."""
+        (a, b), (rotation, position) = self._sides, self._between(data)
+        if not among.any():
+            return -1
+        apart = np.linalg.norm(a.centres[:, None] - (b.centres @ rotation.T + position), axis=2)
+        return int(np.argmin(np.where(among, apart, math.inf)))
+
+    def parted_by(self, face: Feature, model: Any, data: Any, tolerance: float) -> BoolArray:
+        """Which pairs the plane of a face parts, (pieces of a, pieces of b); what crosses it by a tolerance in m counts."""
+        at, (a, b) = face.at(data), self._sides
+        normal = np.array(at.normal)
+        level = float(normal @ at.point)
+        highest, lowest = a.extents(model, data, normal), -b.extents(model, data, -normal)
+        return np.asarray((highest[:, None] <= level + tolerance) & (lowest >= level - tolerance))
+
+
+def face_normal(
+    pieces: tuple[Piece, Piece], sides: tuple[Side, Side], data: Any, shapes: tuple[Shape, Shape]
+) -> FloatArray | None:
+    """Normal from a to b of the face of either piece that parts them best, world axes, (3,); None of two round pieces."""
+    faces = [
+        sense * piece.polytope.normals @ data.xmat[side.body].reshape(3, 3).T
+        for piece, side, sense in zip(pieces, sides, (1.0, -1.0), strict=True)
+        if piece.polytope is not None
+    ]
+    if not faces:
+        return None
+    normals, (a, b) = np.concatenate(faces), shapes
+    return np.asarray(normals[int(np.argmin(a.extents(normals) + b.extents(-normals)))])
+
+
+def sphere_normal(pieces: tuple[Piece, Piece], sides: tuple[Side, Side], data: Any) -> FloatArray | None:
+    """Normal from a to b if one is a sphere, world axes, (3,); None if its middle is in the other one, or that is round."""
+    for piece, side, other, sense in zip(pieces, sides, pieces[::-1], (1.0, -1.0), strict=True):
+        if piece.polytope is not None:
+            axes = data.xmat[side.body].reshape(3, 3)
+            outward = piece.polytope.outward((data.geom_xpos[other.geom] - data.xpos[side.body]) @ axes)
+            return None if outward is None else np.asarray(sense * axes @ outward)
+    return None
