@@ -110,7 +110,7 @@ def test_without_friction_it_is_reflection():
 @pytest.mark.parametrize("ratio", [-1.0, np.nan, np.inf])
 def test_a_ratio_that_is_none_is_refused(ratio):
     model, data = moving(SPHERE, (0.7, 0, -1, 0, 0.2, 0))
-    with pytest.raises(ValueError, match="compliance_ratio, k_n / k_t, must be finite and at least 0"):
+    with pytest.raises(ValueError, match="compliance_ratio, k_n / k_t, must be 0 or from 1e-6 to 1e6"):
         resolve(model, data, [Contact(0, 1, -UP, UP, 0.6, 0.1, ratio)], "compliant")
 
 

@@ -92,8 +92,8 @@ def impact_with_compliance(A: FloatArray, w: FloatArray, mu: float, e: float, co
     Raises:
         ValueError: Neither body can move along the contact normal.
     """
-    # Without friction, and with a rigid tangential spring, both laws are one.
-    if mu > 0.0 and compliance_ratio > 0.0:
+    # Without friction, or with none but rounding, and with a rigid tangential spring, both laws are one.
+    if mu > CANCELLED and compliance_ratio > 0.0:
         one = compliant(A, w, mu, e, compliance_ratio)
         if one.status != "unconverged":
             return one
