@@ -213,8 +213,21 @@ def test_a_sphere_is_as_in_closed_form():
     angles = np.array([1.0, 10.0, 32.5, 32.6, 45.0, 80.0])
     ours = sphere.by_our_law(angles)
     np.testing.assert_allclose(ours, sphere.in_closed_form(angles), atol=1e-12)
+
     np.testing.assert_allclose(ours[:3], 5.0 / 7.0, atol=1e-12)
     assert ours[4] == pytest.approx(1.0 - 0.092 * 1.98, abs=1e-12)
+
+
+def test_a_compliant_sphere_slides_as_a_rigid_one_and_reverses_its_slip_below():
+    """Alumina on glass: k_t / k_n = 0.859. Sliding all along it is Coulomb's law; at 20 deg slip reverses by some 0.4.
+
+    A constraint that takes slip to zero, or a spring of the wrong sign, has none.
+    """
+    assert 1.0 / sphere.ELASTIC.compliance_ratio == pytest.approx(0.859, abs=5e-4)
+    angles = np.array([20.0, 40.0, 60.0])
+    ratios = sphere.by_our_law(angles, "compliant")
+    np.testing.assert_allclose(ratios[1:], sphere.in_closed_form(angles)[1:], atol=1e-9)
+    assert 0.38 < 3.5 * (1.0 - ratios[0]) - 1.0 < 0.44
 
 
 def test_lists_of_a_script_are_read_without_executing_it(tmp_path, capsys):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.report.plots.style import BLACK, BLUE, COLOURS, WIDTH_IN, publication, write
+from ffsm_mj.report.plots.style import BLACK, BLUE, COLOURS, VERMILION, WIDTH_IN, publication, write
 
 Curves = Mapping[str, FloatArray]
 
@@ -47,8 +47,9 @@ def _times(axes: Any, curves: Curves) -> None:
 
 
 def _angles(axes: Any, curves: Curves) -> None:
-    """Measured ratios of tangential speeds, and those of the law."""
-    axes.plot(curves["fine"], curves["computed"], color=BLUE, linewidth=1.2, label="ours")
+    """Measured ratios of tangential speeds, and those of the laws."""
+    axes.plot(curves["fine"], curves["computed"], color=BLUE, linewidth=1.2, label="stronge")
+    axes.plot(curves["fine"], curves["compliant"], color=VERMILION, linewidth=1.2, label="compliant")
     axes.plot(curves["angle"], curves["measured"], "o", color=BLACK, markersize=4.0, label="measured")
     axes.set_xlabel("angle of the impact from the normal, deg")
     axes.set_ylabel("ratio of tangential speeds")

@@ -53,7 +53,7 @@ GROUPS: Mapping[str, MeasuredGroup] = {
         "Oblique impacts of spheres",
         sphere.SOURCE,
         lambda folder, stage, _: sphere.report(folder, stage),
-        "Ratio of tangential speeds by the angle of the impact from the normal: measured (points), and by Coulomb's law.",
+        "Ratio of tangential speeds by the angle of the impact from the normal: measured (points), and by the laws.",
     ),
 }
 
