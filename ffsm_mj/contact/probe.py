@@ -29,8 +29,13 @@ class Probe:
         data: Its data.
     """
 
-    def __init__(self, vertices: int) -> None:
-        """Compile it; ``vertices`` is the largest number of vertices of a polytope."""
+    def __init__(self, system: Any, vertices: int) -> None:
+        """Compile it.
+
+        Args:
+            system: MuJoCo model of the system, whose distance queries are as accurate as those of the probe.
+            vertices: Largest number of vertices of a polytope.
+        """
         points = np.random.default_rng(0).normal(size=(max(vertices, 4), 3))
         listed = " ".join(map(str, (points / np.linalg.norm(points, axis=1)[:, None]).ravel()))
         meshes = "".join(f'<mesh name="{name}" vertex="{_CORNERS} {listed}"/>' for name in "ab")
@@ -38,6 +43,8 @@ class Probe:
         self.model: Any = mujoco.MjModel.from_xml_string(
             f"<mujoco><asset>{meshes}</asset><worldbody>{geoms}</worldbody></mujoco>"
         )
+        # By MuJoCo's own tolerance of 1e-6 m, pieces that touch would seem to be apart by more than DISTANCE_QUERY_M.
+        self.model.opt.ccd_tolerance, self.model.opt.ccd_iterations = system.opt.ccd_tolerance, system.opt.ccd_iterations
         self.data: Any = mujoco.MjData(self.model)
         # Vertices change from query to query: MuJoCo must look at all of them, not climb along edges that are no more.
         self.model.mesh_graphadr[:] = -1

@@ -225,7 +225,7 @@ class UnionPair(ContactPair):
     @cached_property
     def probe(self) -> Probe:
         """Scratch model for queries of parts."""
-        return Probe(max(side.most_vertices for side in self.sides))
+        return Probe(self._system.mj, max(side.most_vertices for side in self.sides))
 
     @property
     def geom_pairs(self) -> tuple[frozenset[int], ...]:

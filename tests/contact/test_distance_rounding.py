@@ -8,7 +8,11 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.contact.normal import separation
 from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact.probe import PartSearch, Probe
+from ffsm_mj.contact.shape import Part, Shape
+from ffsm_mj.polytope import box
 from ffsm_mj.tolerances import DISTANCE_QUERY_M
 from tests.contact.test_geometry import PAIRS, shape, support
 from tests.scenes import scene
@@ -56,6 +60,28 @@ def test_a_gap_is_known_to_rounding(tmp_path, a, b):
                 for name, id_, way in zip((a, b), pair.ids, (1, -1), strict=True)
             )
             assert -sum(ends) <= found[-1] + ROUNDING_M
+
+
+@pytest.mark.parametrize("kind", ["ellipsoid", "cylinder", "capsule"])
+def test_a_query_of_a_part_is_as_exact_as_of_a_geom(tmp_path, kind):
+    """What touches within DISTANCE_QUERY_M is found by it: queries of 1e-6 m, MuJoCo's own tolerance, miss contacts."""
+    system = prepare(scene(tmp_path, shape(kind), {"other": shape("box")})).system
+    model, data, rng = system.mj, mujoco.MjData(system.mj), np.random.default_rng(3)
+    of_box = box(np.array([0.1, 0.15, 0.2]), np.zeros(3), np.eye(3))
+    part = Part.of(int(model.body("other/b").id), of_box)
+    ids = int(model.geom("robot/g").id), int(model.geom("other/g").id)
+    search = PartSearch(ids, (None, part), 0.1, 0.0, Probe(model, len(of_box.vertices)))
+    for _ in range(20):
+        poses = rng.normal(size=(2, 7))
+        poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1)[:, None]
+        for _ in range(20):  # the part moves along the normal until it touches
+            turned(model, data, poses.ravel())
+            shapes = Shape(model, data, ids[0]), Shape(model, data, ids[1], part)
+            gap = separation(*shapes, normal := search.normal(model, data, shapes).normal)
+            if abs(gap) < DISTANCE_QUERY_M:
+                break
+            poses[1, :3] -= gap * normal
+        assert abs(search.distance(model, data, 1.0) - gap) <= DISTANCE_QUERY_M
 
 
 def test_the_logged_gap_of_a_rule_is_known_to_rounding(tmp_path):
