@@ -438,8 +438,10 @@ class FrictionModes:
         before, after = (STICK, SLIDE) if sticks else (SLIDE, STICK)
         self.stops = not sticks
         self.forget_structures()
+        # A pair slides while one of its points does, and may stick at others, as an edge that turns about one of its ends.
+        known = {contact.pair for contact in contact_points if self._kinds.get(contact) == before == SLIDE}
         for contact in contact_points:
-            if self._kinds.get(contact) == after:
+            if self._kinds.get(contact) == after and contact.pair not in known:
                 self._kinds[contact] = before
 
     def forget_structures(self) -> None:

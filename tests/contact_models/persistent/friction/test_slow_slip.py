@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import math
 
+import mujoco
 import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.replay import replay_log
 from tests.contact.unions.scenes import fixed, free, geoms, on
 from tests.contact_models.persistent.friction.scenes import block, final, load, pulled, sphere, sticks
 from tests.replays import proved
@@ -53,6 +55,39 @@ def test_a_slip_that_turns_stops(tmp_path):
     run = proved(ffsm_mj.run(foot(tmp_path, 2.0, 1e-3, step=1e-3, duration=1e-3)))
     assert sticks(run) == [pytest.approx(2.79542553781e-4, abs=4e-12)]
     assert np.abs([*final(run, "v_robot_x"), *final(run, "v_robot_y")]).max() < 1e-11
+
+
+def test_an_edge_that_turns_about_one_end_stops(tmp_path):
+    """A leaning box on one edge: the end that stands still stuck before the other stops, in the log replay too.
+
+    Taken for one that slid it would, by the drift of its rate, slide on, and the replay would miss the stop.
+    """
+    tilt, spin, half = -0.01, -0.037, np.array((0.085, 0.065, 0.111))
+    sine, cosine = math.sin(tilt), math.cos(tilt)
+    turned = np.array(((1.0, 0.0, 0.0), (0.0, cosine, -sine), (0.0, sine, cosine)))
+    end, rates = turned @ (half * (1, 1, -1)), np.array((-0.06, 0.0, spin))  # it falls about the edge, and spins
+    run = ffsm_mj.run(
+        on(
+            tmp_path / "run",
+            free(
+                '<geom name="g" type="box" size="0.085 0.065 0.111" mass="0"/>', mass=2.3, inertia=(0.0102, 0.0097, 0.0094)
+            ),
+            fixed(geoms([((-1.0, -0.8, -0.1), (1.0, 0.8, 0.0))])),
+            joints=[0.0, 0.0, -end[2], math.cos(tilt / 2.0), math.sin(tilt / 2.0), 0.0, 0.0],
+            rates=[*np.cross(end, rates), *(turned.T @ rates)],
+            mu=0.55,
+            duration_s=4e-3,
+        )
+    )
+    assert len(sticks(proved(run))) == 1 and replay_log(run.log).agrees  # whatever share of replays is taken
+    place, spins = final(run, "q_robot"), final(run, "v_robot")[3:]
+    matrix = np.empty(9)
+    mujoco.mju_quat2Mat(matrix, place[3:])
+    moved = place[:3] + matrix.reshape(3, 3) @ (half * (1, 1, -1)) - (end - (0.0, 0.0, end[2]))
+    # The end stays to the rounding of coordinates of 0.1 m, and what is left turns about the edge: a stop leaves 1e-11 rad/s.
+    assert np.abs(moved).max() < 1e-14
+    np.testing.assert_allclose(spins[1:], 0.0, rtol=0, atol=1e-10)
+    assert spins[0] > 0.01
 
 
 def test_a_ball_begins_to_slip_under_spin(tmp_path):
