@@ -79,12 +79,13 @@ def test_an_edge_that_turns_about_one_end_stops(tmp_path):
             duration_s=4e-3,
         )
     )
-    assert len(sticks(proved(run))) == 1 and replay_log(run.log).agrees  # whatever share of replays is taken
+    assert len(sticks(proved(run))) == 1
+    assert replay_log(run.log).agrees
     place, spins = final(run, "q_robot"), final(run, "v_robot")[3:]
     matrix = np.empty(9)
     mujoco.mju_quat2Mat(matrix, place[3:])
     moved = place[:3] + matrix.reshape(3, 3) @ (half * (1, 1, -1)) - (end - (0.0, 0.0, end[2]))
-    # The end stays to the rounding of coordinates of 0.1 m, and what is left turns about the edge: a stop leaves 1e-11 rad/s.
+    # The end stays to the rounding of coordinates of 0.1 m, and then turns about the edge: a stop leaves 1e-11 rad/s.
     assert np.abs(moved).max() < 1e-14
     np.testing.assert_allclose(spins[1:], 0.0, rtol=0, atol=1e-10)
     assert spins[0] > 0.01
