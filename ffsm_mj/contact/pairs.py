@@ -25,12 +25,14 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.cells import separating_normals
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.motion_bound import MotionBound
 from ffsm_mj.contact.normal import ContactNormal, HalfSpaceNormal, NormalSearch, separation
 from ffsm_mj.contact.patch import caps_of, facing, flush_offset, touching_set
 from ffsm_mj.contact.proximity import FAR_M, Proximity, SecondRate, second_rate
 from ffsm_mj.contact.shape import Part, Shape, position_tolerance, side_radius
+from ffsm_mj.contact.surfaces import AT_POINT_M
 from ffsm_mj.model.system import System
 from ffsm_mj.state import Stateful
 from ffsm_mj.tolerances import CONTACT_GAP_M, EPSILON, RATE
@@ -65,6 +67,7 @@ _UNSUPPORTED = {
     int(mujoco.mjtGeom.mjGEOM_SDF): "signed distance field",
 }
 _SPHERE, _CYLINDER = int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)
+_BOX = int(mujoco.mjtGeom.mjGEOM_BOX)
 _ELLIPSOID, _PLANE = int(mujoco.mjtGeom.mjGEOM_ELLIPSOID), int(mujoco.mjtGeom.mjGEOM_PLANE)
 _GAP_ROUNDING_M = 1e-14
 """Rounding of a gap at the origin; it grows with the distance from there."""
@@ -106,6 +109,8 @@ class ContactPair(Stateful):
         flush_angle: Angle of the normals at both ends of such sides, rad; 0 without round sides.
         size: Half the thinnest extent of both geoms in m; over a shorter motion the gap has at most one extremum.
         touches_once: Whether it touches at one point at most: one of the geoms is strictly convex.
+        may_tie: Whether an edge or corner of one may lie exactly on one of the other: boxes. Meshes are in single
+            precision, and unions decide themselves.
         rolls_on: Number of points at which a body that is nothing but one round geom lies on a plane, with all of it beyond:
             1 of strictly convex geoms, 2 of capsules of unions; 0 of other bodies.
         has_pieces: Whether it has pieces of which some may touch while others are apart.
@@ -153,7 +158,7 @@ class ContactPair(Stateful):
         self._kinds = {int(model.geom_type[g]) for g in self.geom_ids}
         scatters = _ELLIPSOID in self._kinds or (_CYLINDER in self._kinds and _SPHERE not in self._kinds)
         self._query_scatters = scatters and _PLANE not in self._kinds
-        self.touches_once = bool({_SPHERE, _ELLIPSOID} & self._kinds)
+        self.touches_once, self.may_tie = bool({_SPHERE, _ELLIPSOID} & self._kinds), self._kinds == {_BOX}
         self.rolls_on = int(self.touches_once)
         self.on_left: Callable[[], None] = _nothing
         self._check(system)
@@ -296,7 +301,32 @@ class ContactPair(Stateful):
         rounding = gap_rounding(points)
         rates, tolerance = self._rates(data, normal, points)
         near = Proximity(separation(*shapes, normal), normal, points, rates, tolerance, rounding)
+        if self.may_tie and near.gap <= CONTACT_GAP_M:
+            return self._untied(shapes, data, near)
         return self._with_rims(shapes, data, near) if self.is_of(mujoco.mjtGeom.mjGEOM_CYLINDER) else near
+
+    def _untied(self, shapes: tuple[Shape, Shape], data: Any, near: Proximity) -> Proximity:
+        """The proximity along a normal that the motion agrees with, where edges or corners lie on each other exactly.
+
+        Any normal between those of the faces that end there parts the boxes, and the search finds one of them: they overlap
+        only if they approach along all (:mod:`ffsm_mj.contact.cells`).
+        """
+        choices = np.empty((0, 3))
+        for point in near.points:
+            a, b = (shape.normals_at(point, AT_POINT_M) for shape in shapes)
+            # A point that one of them has within a face or outside has one normal, and with it all points of the patch.
+            if a is None or b is None or min(len(a), len(b)) < 2 or len(choices := separating_normals(a, b)) < 2:
+                return near
+        along = []
+        for normal in choices:
+            points = touching_set(*facing(*shapes, normal), normal, CONTACT_GAP_M)
+            if len(points) and (gap := separation(*shapes, normal)) >= -CONTACT_GAP_M:
+                rates, tolerance = self._rates(data, normal, points)
+                along.append(Proximity(gap, normal, points, rates, tolerance, gap_rounding(points)))
+        free = [one for one in along if not one.approaches]
+        if free:
+            return min(free, key=lambda one: float(np.linalg.norm(one.normal - near.normal)))
+        return max(along, key=lambda one: one.rate, default=near)
 
     def _with_rims(self, shapes: tuple[Shape, Shape], data: Any, near: Proximity) -> Proximity:
         """Add the point of a cap's rim at which the gap closes fastest, if it closes faster there than at all points."""

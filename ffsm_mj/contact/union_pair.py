@@ -78,7 +78,7 @@ class PiecePair(ContactPair):
         self.union, self.pieces = union, (a, b)
         self.parts = a.part, b.part
         super().__init__(system, union.name, a.geom, b.geom, union.restitution, union.mu, rule=union.rule)
-        self.position_tolerance = 0.0
+        self.position_tolerance, self.may_tie = 0.0, False
 
     @property
     def together(self) -> Sequence[UnionPair]:

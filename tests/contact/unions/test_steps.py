@@ -219,6 +219,35 @@ def test_a_slider_in_a_slot(tmp_path, rates, normals):
     assert place(run, "y_m")[-1] == pytest.approx(-0.27 + 0.3 * 0.3, abs=1e-11)
 
 
+@pytest.mark.parametrize(
+    ("across_m", "rates", "normals"),
+    [
+        (0.0, (0.1, 0.0, -0.2), set()),
+        (0.0, (-0.1, 0.0, 0.2), set()),
+        (0.0, (0.0, 0.0, -0.2), set()),
+        (0.0, (-0.1, 0.0, -0.2), {(-1.0, 0.0, 0.0)}),
+        (0.6, (-0.1, -0.2, 0.05), set()),
+        (0.6, (-0.1, -0.2, -0.05), {(0.0, 0.0, -1.0)}),
+    ],
+    ids=["beside", "above", "down the side", "into the edge", "above the corner", "into the corner"],
+)
+def test_boxes_whose_edges_lie_on_each_other(tmp_path, across_m, rates, normals):
+    """Edge on edge, or corner on corner, no unions: they overlap if they approach along all normals of the faces there.
+
+    The impulse is along the one that they approach least along, and turns the point back at e = 1: 2 v / (1 / m + r^2 / I),
+    with the normal r = 0.1 m from the centre along each axis across it.
+    """
+    body = free('<geom name="g" type="box" size="0.1 0.1 0.1" mass="0"/>', gravity=STILL)
+    floor = fixed(geoms([((-1.0, -0.5, -0.5), (0.0, 0.5, 0.0))]), gravity=STILL)
+    keys = {"joints": [0.1, across_m, 0.1, 1, 0, 0, 0], "rates": [*rates, 0, 0, 0], "restitution": 1.0}
+    run = sound(ffsm_mj.run(on(tmp_path, body, floor, duration_s=0.05, **keys)))
+    assert struck(run) == normals
+    for normal in normals:
+        levers = 2 if across_m else 1  # the impulses at both ends of an edge are level with the centre
+        impulse = 2.0 * np.dot(rates, normal) / (1.0 / 2.0 + levers * 0.01 / 0.008)
+        assert np.linalg.norm(impulse_of(run)[0]) == pytest.approx(impulse, rel=1e-12)
+
+
 def test_bars_that_meet_an_edge_leave_the_rest_of_it_as_it_is(tmp_path):
     """A cube stands by its lower edge on the edge of a bar, beyond two others that end flush with it on its side.
 
