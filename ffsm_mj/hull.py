@@ -28,12 +28,15 @@ def hull(points: FloatArray, *, merge: float = 0.0, straight: float = 0.0) -> Fl
         merge: Points no farther apart than this (sum of both distances along the axes) are one.
         straight: A corner that turns by no more than this area over the square of the points' extent is none.
     """
+    if len(points) == 1:
+        return points
     distinct: list[tuple[float, ...]] = sorted(set(map(tuple, points.tolist())))
     if merge > 0.0:
         distinct = _merged(distinct, merge)
     if len(distinct) < 3:
         return np.array(distinct)
-    span = float(np.max(np.ptp(distinct, axis=0)))
+    heights = [y for _, y in distinct]
+    span = max(distinct[-1][0] - distinct[0][0], max(heights) - min(heights))
     least = straight * span * span
     chain: list[tuple[float, ...]] = []
     for half in (distinct, distinct[::-1]):

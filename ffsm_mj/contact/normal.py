@@ -29,6 +29,7 @@ from ffsm_mj.dynamics.rigid_body import cross
 from ffsm_mj.state import Stateful
 from ffsm_mj.tolerances import CLEARLY_APART_M, CONTACT_GAP_M, EPSILON, FLUSH_M, PARALLEL
 
+_AXES = np.eye(3)
 _WIDTH = 1e-4
 """An estimate is accurate to about 1e-5 rad: edges and faces within this angle may be those in contact."""
 _ROUNDING = 1e-15
@@ -54,23 +55,48 @@ def refine_normal(first: Shape, second: Shape, estimate: FloatArray) -> FloatArr
     It is not known beforehand which of the edges and faces near the estimate are in contact. Each choice of them gives a
     direction, and the normal is the direction with the largest separation.
     """
+    return _refined(first, second, estimate)[0]
+
+
+def _refined(first: Shape, second: Shape, estimate: FloatArray) -> tuple[FloatArray, tuple[FloatArray, FloatArray] | None]:
+    """The same with the features that face each other along it, where they are known to overlap across it."""
     edges = _edges(first, second, estimate, _WIDTH)
-    exact = not first.position_tolerance and not second.position_tolerance
-    if exact and (along := _along_features(first, second, estimate, edges)) is not None:
-        return _between_sides(first, second, along)
-    best = _best_direction(first, second, estimate, _choices(edges))
-    if exact:
-        return _between_sides(first, second, best)
+    if first.position_tolerance or second.position_tolerance:
+        return _between_sides(first, second, _between_facets(first, second, estimate, edges)), None
+    best, largest = estimate, -np.inf
+    flush = flush_offset(first.side_radius + second.side_radius)
+    for normal in chain(_of_edges(first, second, estimate, edges), (estimate,)):
+        apart = separation(first, second, normal)
+        # Of bodies that do not overlap, no direction has a larger separation than one along which features face each other.
+        if apart >= -CONTACT_GAP_M and normal is not estimate:
+            features = facing(first, second, normal)
+            if opposite(*features, normal, flush):
+                along = _between_sides(first, second, normal)
+                return along, features if along is normal else None
+        if apart > largest + _ROUNDING:
+            best, largest = normal, apart
+    return _between_sides(first, second, best), None
+
+
+def _of_edges(first: Shape, second: Shape, estimate: FloatArray, edges: FloatArray) -> Iterator[FloatArray]:
+    """Directions of choices of edges: the best of those that two determine, then of one each, then of none."""
+    if pairs := list(_pairs(edges)):
+        yield _best_direction(first, second, estimate, pairs)[0]
+    for fixed in (*edges[:, None], edges[:0]):
+        yield _maximise(first, second, estimate, fixed)
+
+
+def _between_facets(first: Shape, second: Shape, estimate: FloatArray, edges: FloatArray) -> FloatArray:
+    """The normal where a geom is a mesh, whose points are in single precision."""
+    best, _ = _best_direction(first, second, estimate, _choices(edges))
     # Facets of a fine mesh differ by less than the width, and which of them were tried depends on the estimate.
-    best = _best_direction(first, second, best, _choices(_edges(first, second, best, PARALLEL)))
-    if not is_normal(first, second, best):
-        # For a face of a mesh only two directions that span it were tried; contact at one of its sides needs that edge.
-        finer = _best_direction(
-            first, second, best, _crossed_choices(first.hull_edges(best, _WIDTH), second.hull_edges(-best, _WIDTH))
-        )
-        if separation(first, second, finer) >= separation(first, second, best) - _ROUNDING:
-            best = finer
-    return _between_sides(first, second, best)
+    best, apart = _best_direction(first, second, best, _choices(_edges(first, second, best, PARALLEL)))
+    if is_normal(first, second, best):
+        return best
+    # For a face of a mesh only two directions that span it were tried; contact at one of its sides needs that edge.
+    choices = _crossed_choices(first.hull_edges(best, _WIDTH), second.hull_edges(-best, _WIDTH))
+    finer, at_side = _best_direction(first, second, best, choices)
+    return finer if at_side >= apart - _ROUNDING else best
 
 
 def _between_sides(first: Shape, second: Shape, normal: FloatArray) -> FloatArray:
@@ -91,20 +117,6 @@ def _between_sides(first: Shape, second: Shape, normal: FloatArray) -> FloatArra
     return middle if separation(first, second, middle) >= separation(first, second, normal) - FLUSH_M else normal
 
 
-def _along_features(first: Shape, second: Shape, estimate: FloatArray, edges: FloatArray) -> FloatArray | None:
-    """The first direction of some choices of edges along which features face each other; None if all must be compared.
-
-    Of bodies that do not overlap, no direction has a larger separation.
-    """
-    pairs = list(_pairs(edges))
-    of_pairs = (_best_direction(first, second, estimate, pairs) for _ in pairs[:1])
-    others = (_maximise(first, second, estimate, fixed) for fixed in (*edges[:, None], edges[:0]))
-    for normal in chain(of_pairs, others):
-        if separation(first, second, normal) >= -CONTACT_GAP_M and is_normal(first, second, normal):
-            return normal
-    return None
-
-
 def _edges(first: Shape, second: Shape, normal: FloatArray, width: float) -> FloatArray:
     """Directions of edges of both geoms within ``width`` rad of perpendicular to a normal, (k, 3)."""
     return np.vstack((first.edges(normal, width), second.edges(-normal, width)))
@@ -116,15 +128,17 @@ def is_normal(first: Shape, second: Shape, direction: FloatArray) -> bool:
     return opposite(*facing(first, second, direction), direction, flush)
 
 
-def _best_direction(first: Shape, second: Shape, estimate: FloatArray, choices: Iterable[FloatArray]) -> FloatArray:
-    """The direction of largest separation among those of some choices of edges and the estimate."""
+def _best_direction(
+    first: Shape, second: Shape, estimate: FloatArray, choices: Iterable[FloatArray]
+) -> tuple[FloatArray, float]:
+    """The direction of largest separation, and that in m, among those of some choices of edges and the estimate."""
     best, largest = estimate, -np.inf
     # If directions tie to rounding, the one with more edges wins; the estimate, which is less accurate, is last.
     for normal in (*(_maximise(first, second, estimate, fixed) for fixed in choices), estimate):
         value = separation(first, second, normal)
         if value > largest + _ROUNDING:
             best, largest = normal, value
-    return best
+    return best, largest
 
 
 def separation(first: Shape, second: Shape, normal: FloatArray) -> float:
@@ -143,14 +157,14 @@ def _pairs(edges: FloatArray) -> Iterator[FloatArray]:
     """Pairs of edge directions that determine a normal, (2, 3) each."""
     for one, other in combinations(edges, 2):
         if math.hypot(*cross(one, other)) > PARALLEL:
-            yield np.stack((one, other))
+            yield np.array((one, other))
 
 
 def _crossed_choices(of_first: FloatArray, of_second: FloatArray) -> Iterator[FloatArray]:
     """The same with at most one edge of each geom: two edges of one geom give no more than the face that they bound."""
     for one, other in product(of_first, of_second):
         if math.hypot(*cross(one, other)) > _WIDTH:
-            yield np.stack((one, other))
+            yield np.array((one, other))
     yield from np.vstack((of_first, of_second))[:, None]
     yield of_first[:0]
 
@@ -167,7 +181,7 @@ def _maximise(first: Shape, second: Shape, normal: FloatArray, edges: FloatArray
         offset = _mean(second.extreme(-normal)) - _mean(first.extreme(normal))
         # Hessian on the sphere: radii of both geoms, and the gap, because a turned direction stays a unit vector.
         slope = tangents @ (first.radii(normal) + second.radii(-normal)) @ tangents.T
-        slope += float(offset @ normal) * np.eye(len(slope))
+        slope += float(offset @ normal) * _AXES[: len(slope), : len(slope)]
         if _least_eigenvalue(slope) < max(_FLATTEST, _EIGENVALUE_ROUNDING * float(np.abs(slope).max())):
             break  # nothing is curved: the direction cannot be improved
         step = np.linalg.solve(slope, tangents @ offset)
@@ -198,8 +212,8 @@ def _tangents(normal: FloatArray, edges: FloatArray) -> FloatArray:
     """Orthonormal directions perpendicular to the normal and to the edge, if there is one, as rows."""
     if len(edges):
         return _unit(cross(normal, edges[0]))[None]
-    first = _unit(cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))]))
-    return np.stack((first, cross(normal, first)))
+    first = _unit(cross(normal, _AXES[int(np.argmin(np.abs(normal)))]))
+    return np.array((first, cross(normal, first)))
 
 
 def _towards(vector: FloatArray, reference: FloatArray) -> FloatArray:
@@ -283,9 +297,9 @@ class NormalSearch(Stateful):
             shapes: Both geoms at this state.
         """
         estimate, witness = self._shifted_query(model, data, self._estimate(model, data), self._shift)
-        normal = refine_normal(*shapes, estimate)
-        features = facing(*shapes, normal)
-        if not opposite(*features, normal, self._flush):
+        normal, known = _refined(*shapes, estimate)
+        features = known or facing(*shapes, normal)
+        if not known and not opposite(*features, normal, self._flush):
             # The extreme features do not overlap across the direction, so it is no normal: corners are too close.
             normal, witness = self._nearer_queries(model, data, shapes, (normal, witness))
             features = facing(*shapes, normal)

@@ -33,6 +33,7 @@ from ffsm_mj.contact.patch import caps_of, facing, flush_offset, touching_set
 from ffsm_mj.contact.proximity import FAR_M, Proximity, SecondRate, second_rate
 from ffsm_mj.contact.shape import Part, Shape, position_tolerance, side_radius
 from ffsm_mj.contact.surfaces import AT_POINT_M
+from ffsm_mj.dynamics.rigid_body import cross, cross_rows
 from ffsm_mj.model.system import System
 from ffsm_mj.state import Stateful
 from ffsm_mj.tolerances import CONTACT_GAP_M, EPSILON, RATE
@@ -49,7 +50,7 @@ def lowest_of_rims(shapes: tuple[Shape, Shape], normal: FloatArray, spin: FloatA
     """
     caps = caps_of(*shapes, normal)
     for mine, cap in enumerate(caps):
-        lowest = cap.towards(np.cross(spin, normal)) if cap else None
+        lowest = cap.towards(cross(spin, normal)) if cap else None
         if cap is None or lowest is None:
             continue
         features = list(facing(*shapes, normal))
@@ -369,15 +370,15 @@ class ContactPair(Stateful):
 
     def slip(self, data: Any, normal: FloatArray, point: FloatArray) -> FloatArray:
         """Tangential velocity of b relative to a at a point, world axes, (3,), m/s."""
-        velocity_a = self._velocity(data, self.body_a, self._root1, point)
-        relative = self._velocity(data, self.body_b, self._root2, point) - velocity_a
+        velocity_a = self._velocity(data, self.body_a, self._root1, point[None])[0]
+        relative = self._velocity(data, self.body_b, self._root2, point[None])[0] - velocity_a
         return np.asarray(relative - (relative @ normal) * normal)
 
     @staticmethod
     def _velocity(data: Any, body: int, root: int, points: FloatArray) -> FloatArray:
         """Velocities of points fixed to a body, (k, 3), m/s."""
         angular, linear = data.cvel[body][:3], data.cvel[body][3:]
-        return np.asarray(linear + np.cross(angular, points - data.subtree_com[root]))
+        return np.asarray(linear + cross_rows(angular, points - data.subtree_com[root]))
 
 
 def _nothing() -> None:

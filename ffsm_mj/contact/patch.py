@@ -19,7 +19,7 @@ from ffsm_mj.dynamics.rigid_body import cross
 from ffsm_mj.hull import hull, turn
 from ffsm_mj.tolerances import CONTACT_GAP_M, CROSSING, FLUSH_M, MERGED_M, PARALLEL, STRAIGHT
 
-_NONE = np.empty((0, 3))
+_NONE, _AXES = np.empty((0, 3)), np.eye(3)
 _DECIMALS = 12
 """Decimals of places of contact points in m that are no rounding."""
 
@@ -227,9 +227,9 @@ def _flattened(first: FloatArray, second: FloatArray, normal: FloatArray) -> tup
 
 def _axes_across(normal: FloatArray) -> FloatArray:
     """Two axes across a normal, (2, 3)."""
-    u = cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
+    u = cross(normal, _AXES[int(np.argmin(np.abs(normal)))])
     u /= np.linalg.norm(u)
-    return np.stack((u, cross(normal, u)))
+    return np.array((u, cross(normal, u)))
 
 
 def _heights(heights: FloatArray, places: FloatArray, corners: FloatArray) -> FloatArray:

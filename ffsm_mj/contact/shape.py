@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import mujoco
@@ -23,14 +24,17 @@ from ffsm_mj.tolerances import CONTACT_GAP_M, EPSILON, MERGED_M, MESH_PRECISION,
 
 _ON_AXIS = 1e-9
 """A direction within this angle of the axis of a cylinder, in rad, has no radius of curvature around the axis."""
+_AXES = np.eye(3)
 _TINY = 1e-300
 """Divides what is zero only where its quotient does not count."""
 _DISC_POINTS = 8
 """Number of fixed points that represent the rim of a cap."""
 
-_PLANE, _SPHERE, _ELLIPSOID = mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID
-_BOX, _CAPSULE, _CYLINDER = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_CYLINDER
-_MESH = mujoco.mjtGeom.mjGEOM_MESH
+_TYPE = mujoco.mjtGeom
+_PLANE, _SPHERE, _ELLIPSOID = int(_TYPE.mjGEOM_PLANE), int(_TYPE.mjGEOM_SPHERE), int(_TYPE.mjGEOM_ELLIPSOID)
+_BOX, _CAPSULE, _CYLINDER, _MESH = map(
+    int, (_TYPE.mjGEOM_BOX, _TYPE.mjGEOM_CAPSULE, _TYPE.mjGEOM_CYLINDER, _TYPE.mjGEOM_MESH)
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +68,7 @@ class Shape:
     def __init__(self, model: Any, data: Any, geom: int, part: Part | None = None) -> None:
         """Take views of the pose of a geom (id), or of a part of it; kinematics in ``data`` must be current."""
         self._model, self._geom, self._part = model, geom, part
-        self._kind = mujoco.mjtGeom(model.geom_type[geom]) if part is None else _MESH
+        self._kind = int(model.geom_type[geom]) if part is None else _MESH
         self._size: FloatArray = model.geom_size[geom]
         if part is None:
             self._rotation: FloatArray = data.geom_xmat[geom].reshape(3, 3)
@@ -75,7 +79,7 @@ class Shape:
     @property
     def is_plane(self) -> bool:
         """Whether it is a half-space."""
-        return bool(self._kind == _PLANE)
+        return self._kind == _PLANE
 
     @property
     def axis(self) -> FloatArray:
@@ -86,12 +90,12 @@ class Shape:
         """Feet of the perpendiculars from points, (k, 3), to a plane."""
         return np.asarray(points - np.outer((points - self._position) @ self.axis, self.axis))
 
-    @property
+    @cached_property
     def position_tolerance(self) -> float:
         """Tolerance to which its points are known, m: 0 except for meshes."""
         return position_tolerance(self._model, self._geom) if self._part is None else 0.0
 
-    @property
+    @cached_property
     def side_radius(self) -> float:
         """Radius of the side of a capsule or cylinder, m; 0 for other geoms."""
         return side_radius(self._model, self._geom)
@@ -110,10 +114,11 @@ class Shape:
             points = (size**2 * local / np.linalg.norm(size * local))[None]
         elif self._kind == _BOX:
             points = np.copysign(size, local)[None]
-            for axis in np.flatnonzero(np.abs(local) <= width).tolist():
-                other = points.copy()
-                other[:, axis] *= -1.0
-                points = np.concatenate((points, other))
+            for axis, component in enumerate(local.tolist()):
+                if abs(component) <= width:
+                    other = points.copy()
+                    other[:, axis] *= -1.0
+                    points = np.concatenate((points, other))
         elif self._kind == _CAPSULE:
             points = np.array([[0.0, 0.0, z] for z in _ends(local[2], size[1], width)]) + size[0] * local
         elif self._kind == _CYLINDER:
@@ -210,7 +215,7 @@ class Shape:
     def radii(self, direction: FloatArray) -> FloatArray:
         """Radii of curvature at the extreme point along a unit vector, a symmetric matrix (3, 3), m; flat directions 0."""
         if self._kind in (_SPHERE, _CAPSULE):
-            return np.asarray(self._size[0] * (np.eye(3) - np.outer(direction, direction)))
+            return np.asarray(self._size[0] * (_AXES - direction[:, None] * direction))
         local = self._rotation.T @ direction
         if self._kind == _ELLIPSOID:
             radii = _ellipsoid_radii(self._size, local)
@@ -281,12 +286,12 @@ def _radial(offset: FloatArray, radius: float) -> tuple[FloatArray, FloatArray]:
 
 def position_tolerance(model: Any, geom: int) -> float:
     """Tolerance to which the points of a geom are known, m: 0 except for meshes, whose vertices are in single precision."""
-    return MESH_PRECISION * float(model.geom_rbound[geom]) if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH else 0.0
+    return MESH_PRECISION * float(model.geom_rbound[geom]) if model.geom_type[geom] == _MESH else 0.0
 
 
 def side_radius(model: Any, geom: int) -> float:
     """Radius of the side of a capsule or cylinder (id), m; 0 for other geoms."""
-    return float(model.geom_size[geom, 0]) if mujoco.mjtGeom(model.geom_type[geom]) in (_CAPSULE, _CYLINDER) else 0.0
+    return float(model.geom_size[geom, 0]) if model.geom_type[geom] in (_CAPSULE, _CYLINDER) else 0.0
 
 
 def lies_flat(sine: float, radius: float, tolerance: float = 0.0) -> bool:

@@ -276,7 +276,7 @@ class ImpactModel(Stateful, Detector):
             RunEnded: A contact is not supported, has no solution, or would have to persist and cannot.
         """
         system, data, time_s = self.scene.system, self.scene.data, instant.time_s
-        touching = self.closed_pairs()
+        touching = self.closed_pairs(located=True)
         try:
             met = self.resolve(touching)
         except (UnsupportedContactError, ValueError) as error:

@@ -137,15 +137,32 @@ def contact_points(closed: ClosedPairs) -> list[tuple[UnilateralConstraint, Prox
     return [(pair, near, point) for pair, near in closed for point in near.points]
 
 
-def closed_pairs(broad_phase: BroadPhase, scene: Scene, motion: Motion) -> ClosedPairs:
-    """The pairs in contact at the state in ``data``, without those on one rigid body of a motion."""
+def closed_pairs(
+    broad_phase: BroadPhase,
+    scene: Scene,
+    motion: Motion,
+    known: Mapping[tuple[UnilateralConstraint, float], Proximity],
+) -> ClosedPairs:
+    """The pairs in contact at the state in ``data``, without those on one rigid body of a motion.
+
+    Args:
+        broad_phase: The pairs.
+        scene: The logged system and its data.
+        motion: The current motion.
+        known: Proximities at this state, by the pair and 0.
+    """
     model, data, pairs = scene.system.mj, scene.data, broad_phase.pairs
     # Geoms that a rigid grasp joins stay where they are to each other: their row would be zero, and no impulse acts.
     close = [pairs[i] for i in broad_phase.near(data) if pairs[i].geom_ids not in motion.disabled]
-    near = [(pair, patch) for pair in close for patch in pair.proximities(model, data)]
+    near = [(pair, patch) for pair in close for patch in _patches(pair, model, data, known.get((pair, 0.0)))]
     # Roots of pairs that meet at one time differ by rounding. Taken one after the other, the result would depend on their
     # order, and a symmetric scene would break its symmetry.
     return [(pair, proximity) for pair, proximity in near if proximity.gap <= CONTACT_GAP_M]
+
+
+def _patches(pair: UnilateralConstraint, model: Any, data: Any, known: Proximity | None) -> Sequence[Proximity]:
+    """Patches of contact of a pair at the state in ``data``: a known proximity is that of a pair of geoms, or of pieces."""
+    return pair.proximities(model, data) if known is None or (not pair.is_limit and pair.has_pieces) else (known,)
 
 
 def as_contact(

@@ -16,11 +16,6 @@ Clearances of joint limits: which of them a joint may have reached in a step.
 
 Gaps and rates of joints cost next to nothing, at the start of a step as at its end: both are evaluated exactly. As for pairs
 the kinetic energy bounds how long this can be left out.
-
-First touch of one pair in an interval where its gap has at most one extremum.
-
-A touch is a time at which the gap is zero and the pair approaches. A root of the gap at which the pair separates is the end
-of an earlier contact, not a touch: a pair that starts in contact must first leave it, or is pressed from the start.
 """
 
 from __future__ import annotations
@@ -45,13 +40,14 @@ from ffsm_mj.contact.normal import DISTANCE_LIMIT_M
 from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint, by_kind
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.columns import DeepestOverlap
+from ffsm_mj.contact_models.impact.first_touch import first_touch
 from ffsm_mj.contact_models.impact.resolution import ClosedPairs, PersistentContacts, closed_pairs
 from ffsm_mj.contact_models.interface import EventSource, Replayable, Scene
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.springs import tendon_rows
 from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.records.columns import Columns
-from ffsm_mj.tolerances import DISTANCE_QUERY_M, EPSILON, INSTANT_S, RATE
+from ffsm_mj.tolerances import CLEARLY_APART_M, DISTANCE_QUERY_M, EPSILON
 
 Indices = npt.NDArray[np.intp]
 _STEPS_AHEAD = 16
@@ -277,99 +273,6 @@ class LimitClearances:
         return self._first + np.flatnonzero(flags)
 
 
-At = Callable[[float], Proximity]
-
-_FALL = 100.0
-"""A pair that starts in contact touches again when its gap has fallen by this many times its rounding."""
-_ITERATIONS = 100
-"""The 40 that halve the interval leave 1e-12 of it, 1e-15 s of a step of 1 ms."""
-_KINKED = 20
-"""Iterations after which every second one halves the interval: regula falsi has found the roots of smooth functions by then,
-but creeps along a gap that stays at rounding and then falls, as that of a cap that falls flat does."""
-
-
-def first_touch(at: At, start: float, end: float, pressed: Callable[[float], bool]) -> float | None:
-    """First touch in an interval, s, or None.
-
-    Args:
-        at: Moves to a time in s and evaluates the pair there.
-        start: Start of the interval, s.
-        end: End of the interval, s.
-        pressed: Moves to a time in s and tells whether the pair, closed and at rest there, begins to overlap.
-    """
-    first, last = at(start), at(end)
-    if first.approaches:
-        return start if first.gap <= 0.0 else _falling(at, start, end, first, last)
-    level, fall = min(first.gap, 0.0), _FALL * last.rounding
-    if last.gap > level - (fall if first.gap <= 0.0 else 0.0):
-        return None
-    # The pair separates or is at rest at the start, and its gap is lower at the end: the touch is where the gap falls back
-    # to zero, or, for a pair that already overlaps by rounding, to its value at the start.
-    if first.rate > 0.0 and last.rate >= 0.0:
-        return _by_halves(at, start, end, pressed)
-    highest = root(lambda t: at(t).rate, (start, first.rate), (end, last.rate), RATE) if first.rate > 0.0 else start
-    top = at(highest)
-    if top.gap <= level + top.rounding:
-        # The pair never leaves contact. If efforts press it, contact begins at the maximum; else it must fall by more than
-        # rounding, or every evaluation would report a touch.
-        if pressed(highest):
-            return highest
-        level -= fall
-        if last.gap > level:
-            return None  # apart by rounding at the start, so that the fall to the end was not asked for above
-    return root(lambda t: at(t).gap - level, (highest, top.gap - level), (end, last.gap - level), last.rounding)
-
-
-def _by_halves(at: At, start: float, end: float, pressed: Callable[[float], bool]) -> float | None:
-    """First touch by bisection: a gap that rises at both ends and is lower at the second has more than one extremum."""
-    middle = 0.5 * (start + end)
-    # Within an instant the gap and its rate are rounding; from 0 s on a thousand halves lead to the least number.
-    if end - start <= INSTANT_S or not start < middle < end:
-        return None
-    early = first_touch(at, start, middle, pressed)
-    return early if early is not None else first_touch(at, middle, end, pressed)
-
-
-def _falling(at: At, start: float, end: float, first: Proximity, last: Proximity) -> float | None:
-    """First touch of a pair that is apart and approaches at the start."""
-    if last.gap > 0.0:
-        # It still approaches at the end: a gap with one minimum has it later, and no touch before.
-        if last.rate <= 0.0:
-            return None
-        end = root(lambda t: at(t).rate, (start, first.rate), (end, last.rate), RATE)
-        last = at(end)  # the minimum of the gap: positive for a near miss, else a touch precedes it
-        if last.gap > 0.0:
-            return None
-    return root(lambda t: at(t).gap, (start, first.gap), (end, last.gap), last.rounding)
-
-
-def root(f: Callable[[float], float], left: tuple[float, float], right: tuple[float, float], tolerance: float) -> float:
-    """Root of a function between two points (t, f(t)) of different sign: regula falsi (Illinois), then bisection."""
-    (a, fa), (b, fb) = left, right
-    if fa == 0.0:
-        return a
-    side = 0
-    for count in range(_ITERATIONS):
-        halves = count >= _KINKED and count % 2 == 0
-        c = 0.5 * (a + b) if halves else (a * fb - b * fa) / (fb - fa)
-        # The interval has no inner point left, or both values are equal by rounding.
-        if not min(a, b) < c < max(a, b):
-            break
-        fc = f(c)
-        if abs(fc) <= tolerance:
-            return c
-        if (fc > 0.0) == (fb > 0.0):
-            b, fb = c, fc
-            # Illinois: an end that stays twice counts half, else regula falsi keeps it for ever where f is convex.
-            fa = 0.5 * fa if side < 0 else fa
-            side = -1
-        else:
-            a, fa = c, fc
-            fb = 0.5 * fb if side > 0 else fb
-            side = 1
-    return b
-
-
 _MAX_DEPTH = 48
 """Depth of bisection at which an interval is shorter than the rounding of time."""
 _MAX_BISECTIONS = 20_000
@@ -496,9 +399,11 @@ class Detector(EventSource, Replayable):
         self._evaluated = {(pair, 0.0): near for (pair, time), near in self._evaluated.items() if time == time_s}
         self._measure_clearances()
 
-    def closed_pairs(self) -> ClosedPairs:
-        """All pairs in contact at the state in ``data``."""
-        return closed_pairs(self._broad_phase, self.scene, self.motion)
+    def closed_pairs(self, *, located: bool = False) -> ClosedPairs:
+        """All pairs in contact at the state in ``data``; ``located``: it is that of an event just located."""
+        # Evaluations since the last step are of this state: no model has changed it yet.
+        known = self._evaluated if located and self.motion.stepper.motion_bound <= 0.0 else {}
+        return closed_pairs(self._broad_phase, self.scene, self.motion, known)
 
     def update_overlap(self, time: float | None = None) -> None:
         """Update the deepest overlap with that of the pairs at the state in ``data``.
@@ -539,8 +444,8 @@ class Detector(EventSource, Replayable):
         # To rounding, as roots are located: another model may have an event that is due here.
         return any(pair.gap <= pair.rounding and pair.approaches for pair in near)
 
-    def _touch_of(self, pair: UnilateralConstraint, start: float, end: float) -> float | None:
-        """First touch of one pair in an interval where its gap has at most one extremum."""
+    def _touch_of(self, pair: UnilateralConstraint, start: float, end: float, end_gap: float) -> float | None:
+        """First touch of one pair in an interval where its gap has at most one extremum; see :func:`first_touch`."""
         model, data = self._model, self._data
 
         def at(time: float) -> Proximity:
@@ -552,7 +457,7 @@ class Detector(EventSource, Replayable):
             self.motion.path.move_to(time)
             return pair.is_pressed(model, data, at(time))
 
-        touch = first_touch(at, start, end, pressed)
+        touch = first_touch(at, start, end, pressed, end_gap)
         if touch is None and not pair.is_limit:
             pair.refuse_passage(at(start), at(end))
         # Two pieces that touch where other pieces cover them, or go on with a contact that is held, begin nothing.
@@ -565,20 +470,22 @@ class Detector(EventSource, Replayable):
         span = b.time - a.time
         # The gap cannot fall faster than the bound from either end, so contact needs bound * span >= the sum of both gaps.
         candidates = [
-            (pair, max(a.bounds[k], b.bounds[k]) * span)
+            (pair, max(a.bounds[k], b.bounds[k]) * span, b.gaps[k])
             for k, pair in enumerate(self._suspects)
             if a.gaps[k] + b.gaps[k] - 2.0 * DISTANCE_QUERY_M <= max(a.bounds[k], b.bounds[k]) * span
         ]
         if not candidates:
             return None
-        simple = all(motion <= pair.size for pair, motion in candidates)
+        simple = all(motion <= pair.size for pair, motion, _ in candidates)
         if simple or depth >= _MAX_DEPTH:
-            for time in (b.time, a.time):  # at once for all of them: each move integrates from the start of the step
+            # At once for all that need it: each move integrates from the start of the step.
+            for time, least in ((b.time, -CLEARLY_APART_M), (a.time, -math.inf)):
                 self.motion.path.move_to(time)
-                for pair, _ in candidates:
-                    self._proximity(pair, time)
-            touches = [t for t in (self._touch_of(pair, a.time, b.time) for pair, _ in candidates) if t is not None]
-            return min(touches, default=None)
+                for pair, _, end_gap in candidates:
+                    if end_gap >= least:
+                        self._proximity(pair, time)
+            touches = (self._touch_of(pair, a.time, b.time, end_gap) for pair, _, end_gap in candidates)
+            return min((touch for touch in touches if touch is not None), default=None)
         self._bisections += 1
         if self._bisections > _MAX_BISECTIONS:
             fastest = max(*a.bounds, *b.bounds)

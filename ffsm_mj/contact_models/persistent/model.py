@@ -293,7 +293,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
                 self._closed.set_points(pair, ())
         before, self._previous = self._previous, (motion, motion.grasps, motion.disabled)
         if before is not None and before != self._previous:
-            touching = closed_pairs(self._broad_phase, self.scene, motion)
+            touching = closed_pairs(self._broad_phase, self.scene, motion, {})
             for pair, patches in patches_by_pair(closed_after_change(touching, by_pair)).items():
                 self._update_pair(pair, patches)
                 # Features are determined anew: where the old points stick the slip of the new ones is drift, not motion.
@@ -342,7 +342,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         self.scene.numbers.continue_from(records[0].event)
         if set(map(name_of, records)) - {pair.name for pair in self._closed.by_pair}:
             pushed = self.active
-            self.close(closed_pairs(self._broad_phase, self.scene, self.motion), struck=False)
+            self.close(closed_pairs(self._broad_phase, self.scene, self.motion, {}), struck=False)
             # A step without contact has not evaluated the load that contacts now have to answer.
             if not pushed:
                 self._closed.see_other_forces()

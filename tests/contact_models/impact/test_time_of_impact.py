@@ -12,7 +12,8 @@ from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.contact.motion_bound import speeds_per_root_energy
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.proximity import Proximity
-from ffsm_mj.contact_models.impact.time_of_impact import Clearances, Detector, first_touch
+from ffsm_mj.contact_models.impact.first_touch import first_touch
+from ffsm_mj.contact_models.impact.time_of_impact import Clearances, Detector
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.step_path import StepPath
@@ -273,6 +274,19 @@ def test_two_extrema_are_bisected():
     end = 0.85  # still below, rising already
     assert gap(end) < 0.0 < gap.deriv()(end)
     assert touch(gap.coefficients, span=(0.0, end)) == pytest.approx(first, abs=1e-13)
+
+
+def test_an_overlap_at_the_end_is_not_looked_at_again():
+    """A query there is wrong by 1e-7 m at most, which leaves the first root of 1e-4 - 0.3 t - 5 t^2 + 40 t^3."""
+    gap = np.poly1d([40.0, -5.0, -0.3, 1e-4])
+    expected = min(root.real for root in gap.roots if root.real > 0.0)
+    for error in (-1e-7, 0.0, 1e-7):
+        at, looked = path(gap, gap.deriv())
+        found = first_touch(at, 0.0, 1e-3, lambda _: False, gap(1e-3) + error)
+        assert found == pytest.approx(expected, abs=10.0 * ROUNDING)  # over a slope of 0.3
+        # The parabola leaves 40 t^3 of the gap, or the error of the query; inverse interpolation leaves rounding of it.
+        assert len(looked) <= 4
+        assert 1e-3 not in looked
 
 
 @pytest.mark.parametrize(
