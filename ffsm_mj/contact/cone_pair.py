@@ -165,6 +165,8 @@ class ConePair(ContactPair):
         shared_name: What the names of all pairs of the cone and the geom begin with.
     """
 
+    has_one_patch = False
+
     def __init__(
         self,
         system: System,

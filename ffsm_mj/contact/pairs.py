@@ -115,6 +115,7 @@ class ContactPair(Stateful):
         rolls_on: Number of points at which a body that is nothing but one round geom lies on a plane, with all of it beyond:
             1 of strictly convex geoms, 2 of capsules of unions; 0 of other bodies.
         has_pieces: Whether it has pieces of which some may touch while others are apart.
+        has_one_patch: Whether it has no more than one patch of contact, which its proximity is.
         is_beside: Whether the bodies may touch beside the face on which they lie flat.
         on_left: Called where pieces cease to be watched by contact points: they are to be followed by distance again.
         is_limit: False: it is no joint limit.
@@ -123,6 +124,7 @@ class ContactPair(Stateful):
 
     is_limit: Literal[False] = False
     has_pieces = False
+    has_one_patch = True
     is_beside = False
     parts: tuple[Part | None, Part | None] = (None, None)
     compliance_ratio: float = 0.0

@@ -147,6 +147,7 @@ class UnionPair(ContactPair):
     """
 
     has_pieces = True
+    has_one_patch = False
 
     def __init__(
         self,

@@ -161,8 +161,8 @@ def closed_pairs(
 
 
 def _patches(pair: UnilateralConstraint, model: Any, data: Any, known: Proximity | None) -> Sequence[Proximity]:
-    """Patches of contact of a pair at the state in ``data``: a known proximity is that of a pair of geoms, or of pieces."""
-    return pair.proximities(model, data) if known is None or (not pair.is_limit and pair.has_pieces) else (known,)
+    """Patches of contact of a pair at the state in ``data``, which a known proximity may be."""
+    return (known,) if known is not None and (pair.is_limit or pair.has_one_patch) else pair.proximities(model, data)
 
 
 def as_contact(
