@@ -65,13 +65,13 @@ class NearPieces:
         apart = np.linalg.norm(a.centres[:, None] - (b.centres @ rotation.T + position), axis=2)
         return int(np.argmin(np.where(among, apart, math.inf)))
 
-    def parted_by(self, face: Feature, model: Any, data: Any, tolerance: float) -> BoolArray:
-        """Which pairs the plane of a face parts, (pieces of a, pieces of b); what crosses it by a tolerance in m counts."""
+    def parted_by(self, face: Feature, model: Any, data: Any, tolerance: float) -> tuple[BoolArray, BoolArray]:
+        """Which pieces of a are below the plane of a face, and which of b above; what crosses it by a tolerance in m counts."""
         at, (a, b) = face.at(data), self._sides
         normal = np.array(at.normal)
         level = float(normal @ at.point)
         highest, lowest = a.extents(model, data, normal), -b.extents(model, data, -normal)
-        return np.asarray((highest[:, None] <= level + tolerance) & (lowest >= level - tolerance))
+        return highest <= level + tolerance, lowest >= level - tolerance
 
 
 def face_normal(

@@ -263,6 +263,12 @@ class ContactPair(Stateful):
     def join(self, model: Any, data: Any) -> None:
         """Watch by contact points what touches in patches that are held at the state in ``data``, from here on."""
 
+    def joining(self) -> Any:
+        """What :meth:`join` has found, as a state; None: nothing."""
+
+    def set_joining(self, state: Any) -> None:
+        """Take back what :meth:`joining` gave, with the same points held."""
+
     def lie_on(self, face: Any) -> None:
         """Note a corner on the face on which the bodies lie flat; None: they do not."""
 

@@ -33,7 +33,7 @@ from ffsm_mj.contact.shape import Shape
 from ffsm_mj.contact.sides import Piece, Side
 from ffsm_mj.contact.surfaces import AT_POINT_M, ONE_NORMAL, AmongOthers, crosses_seam, levelled, may_tie
 from ffsm_mj.model.system import System
-from ffsm_mj.state import StateError, entries
+from ffsm_mj.state import StateError, entries, fitting
 from ffsm_mj.tolerances import CLOSED_RATE, CONTACT_GAP_M, DISTANCE_QUERY_M, DRIFT_M, MERGED_M, PARALLEL, RATE, SAME_POINT_M
 
 _QUERY_M = 1e-3
@@ -186,28 +186,34 @@ class UnionPair(ContactPair):
         self._near, self._last = NearPieces(sides), -1
         self._closed: tuple[Feature, ...] = ()
         self._face: Feature | None = None
-        self._parted: BoolArray | None = None
+        self._parted: tuple[BoolArray, BoolArray] | None = None
         self._apart, self.is_beside = self._allowed, True
         self._together: Sequence[UnionPair] = (self,)
 
     @dataclass
     class State:
-        """What the pairs of pieces remember, by their numbers."""
+        """What the pairs of pieces remember, by their numbers, and which was the nearest last; -1: none has been."""
 
         pieces: list[tuple[int, Any]]
+        last: int
 
     def get_state(self) -> State:
-        """What the pairs of pieces remember."""
-        return self.State([(k, pair.get_state()) for k, pair in sorted(self._known.items())])
+        """What the pairs of pieces remember. What is joined belongs to the closed contacts."""
+        return self.State([(k, pair.get_state()) for k, pair in sorted(self._known.items())], self._last)
 
     def set_state(self, state: Any) -> None:
         """Take back what :meth:`get_state` gave."""
         values = entries(state, self.State)
         self._known.clear()
         for number, kept in values["pieces"]:
-            if not 0 <= number < self._allowed.size:
-                raise StateError(f"{self.name} has no pair of pieces {number}")
-            self.piece_pair(number).set_state(kept)
+            self.piece_pair(self._checked(number)).set_state(kept)
+        self._last = self._checked(values["last"]) if values["last"] != -1 else -1
+
+    def _checked(self, number: int) -> int:
+        """The number of a pair of pieces in a state."""
+        if not 0 <= number < self._allowed.size:
+            raise StateError(f"{self.name} has no pair of pieces {number}")
+        return number
 
     @property
     def together(self) -> Sequence[UnionPair]:
@@ -317,12 +323,26 @@ class UnionPair(ContactPair):
         self._face = face
         self._watch(None)
 
-    def _watch(self, parted: BoolArray | None) -> None:
-        """Take what the plane of the face parts, and with it which pairs of pieces are followed."""
+    def _watch(self, parted: tuple[BoolArray, BoolArray] | None) -> None:
+        """Take which pieces of a and of b the plane of the face parts, and with it which pairs of them are followed."""
         joined, self._parted = list(self.joined), parted
-        self._apart = self._allowed.copy() if parted is None else self._allowed & ~parted
+        by_plane = np.zeros_like(self._allowed) if parted is None else np.logical_and.outer(*parted)
+        self._apart = self._allowed & ~by_plane
         self._apart.flat[joined] = False
-        self.is_beside = parted is None or not parted.flat[joined].all()
+        self.is_beside = parted is None or not by_plane.flat[joined].all()
+
+    def joining(self) -> tuple[list[int], tuple[BoolArray, BoolArray] | None]:
+        """Numbers of the joined pairs, and which pieces of a and of b the plane of the face parts; None: it is not known."""
+        return sorted(self.joined), self._parted
+
+    def set_joining(self, state: Any) -> None:
+        """Take back what :meth:`joining` gave, with the same points held."""
+        # Found anew it may be other pieces: one that has lifted by less than a query sees stays joined, and drifts.
+        joined, parted = state
+        self.joined = frozenset(map(self._checked, joined))
+        sides = zip(parted, self.sides, strict=True) if parted is not None else ()
+        both = [fitting(which, (len(side.pieces),), f"{self.name}, pieces by the plane") for which, side in sides]
+        self._watch((both[0], both[1]) if both else None)
 
     def join(self, model: Any, data: Any) -> None:
         """Take the pairs of pieces that touch in patches that are held at the state in ``data`` as joined."""

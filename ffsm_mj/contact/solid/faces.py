@@ -7,7 +7,7 @@ all polygons together, which is continuous where the point passes from one to th
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -25,9 +25,9 @@ Sides = tuple[tuple[Vector, float], ...]
 """Inward unit vectors perpendicular to the sides of a convex polygon, and the positions of the sides along them."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class UnionFace:
-    """A connected part of a face of a union.
+    """A connected part of a face of a union. Two of one body are the same if plane and pieces are.
 
     Parts of its polygons may be covered, as those of cuts that go on beyond a concave edge are: nothing touches them there.
 
@@ -42,12 +42,12 @@ class UnionFace:
     """
 
     plane: Plane
-    normal: FloatArray
-    offset: float
+    normal: FloatArray = field(compare=False)
+    offset: float = field(compare=False)
     pieces: tuple[int, ...]
-    polygons: tuple[FloatArray, ...]
-    boundary: FloatArray
-    tolerance: float
+    polygons: tuple[FloatArray, ...] = field(compare=False)
+    boundary: FloatArray = field(compare=False)
+    tolerance: float = field(compare=False)
 
     def to_plain(self) -> dict[str, Any]:
         """As numbers and lists."""

@@ -199,6 +199,7 @@ class ClosedContacts:
 
         Attributes:
             closed: Name of each with its features and their patches, in order.
+            joined: What each pair of them has joined; see :meth:`ContactPair.joining`.
             pressing: Places of the points that carry force among all of them.
             flat: Patches that carried force at enough points, be it at others than now: names of pair and patch.
             modes: Friction modes of the points.
@@ -207,6 +208,7 @@ class ClosedContacts:
         """
 
         closed: list[tuple[str, list[Any], list[str]]]
+        joined: list[Any]
         pressing: list[int]
         flat: list[tuple[str, str]]
         modes: Any
@@ -228,7 +230,9 @@ class ClosedContacts:
         # A point of the active set may have been removed at this state, where its gap opened.
         pressing = [place[point] for point in self.pressing if point in place]
         flat = sorted((pair.name, patch) for pair, patch in self.solver.flat)
-        return self.State(closed, pressing, flat, self.modes.get_state(self.contact_points), bool(self.stages), self.settles)
+        joined = [None if pair.is_limit else pair.joining() for pair in self.by_pair]
+        modes, in_step = self.modes.get_state(self.contact_points), bool(self.stages)
+        return self.State(closed, joined, pressing, flat, modes, in_step, self.settles)
 
     def set_state(self, state: Any, pairs: Mapping[str, UnilateralConstraint]) -> None:
         """Close contacts at the state in ``data``.
@@ -249,6 +253,9 @@ class ClosedContacts:
                 for feature, patch in zip(kept, patches, strict=True)
             )
         self._follow_points()
+        for pair, joined in zip(self.by_pair, values["joined"], strict=True):
+            if not pair.is_limit and joined is not None:
+                pair.set_joining(joined)
         self.set_pressing(tuple(self.contact_points[i] for i in values["pressing"]))
         # After set_pressing, which counts the points that press now: the run may have found the patch at others.
         self.solver.flat = frozenset((pairs[name], patch) for name, patch in values["flat"])
