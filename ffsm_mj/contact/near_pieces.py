@@ -66,7 +66,7 @@ class NearPieces:
         return int(np.argmin(np.where(among, apart, math.inf)))
 
     def parted_by(self, face: Feature, model: Any, data: Any, tolerance: float) -> tuple[BoolArray, BoolArray]:
-        """Which pieces of a are below the plane of a face, and which of b above; what crosses it by a tolerance in m counts."""
+        """Which pieces of a are below the plane of a face, and which of b above; they may cross it by a tolerance, m."""
         at, (a, b) = face.at(data), self._sides
         normal = np.array(at.normal)
         level = float(normal @ at.point)

@@ -183,7 +183,7 @@ class UnionPair(ContactPair):
         a, b = sides
         self._radii = a.radius_about(first[0]), b.radius_about(first[1])
         self.joined: frozenset[int] = frozenset()
-        self._near, self._last = NearPieces(sides), -1
+        self._near, self._last, self._last_watched = NearPieces(sides), -1, -1
         self._closed: tuple[Feature, ...] = ()
         self._face: Feature | None = None
         self._parted: tuple[BoolArray, BoolArray] | None = None
@@ -271,12 +271,15 @@ class UnionPair(ContactPair):
 
     def gap(self, model: Any, data: Any, limit: float = FAR_M) -> float:
         """Signed distance in m of the unions from distance queries; ``limit`` if it is larger."""
-        return self._nearest(self._allowed, model, data, limit)[0]
+        gap, self._last = self._nearest(self._allowed, self._last, model, data, limit)
+        return gap
 
-    def _nearest(self, among: BoolArray, model: Any, data: Any, limit: float) -> tuple[float, int]:
-        """The least gap of some pairs of pieces, m, and the number of that pair; the limit and -1 if it is larger."""
-        # The pair that was nearest last, or seems to be, tells how far to look.
-        first = self._last if self._last >= 0 and among.flat[self._last] else self._near.first_guess(among, data)
+    def _nearest(self, among: BoolArray, last: int, model: Any, data: Any, limit: float) -> tuple[float, int]:
+        """The least gap of some pairs of pieces, m, or the limit if it is larger, and the number of that pair.
+
+        The pair that was nearest last, or seems to be, tells how far to look; -1: none has been, or there is none.
+        """
+        first = last if last >= 0 and among.flat[last] else self._near.first_guess(among, data)
         if first < 0:
             return limit, first
         best = self.piece_pair(first).gap(model, data, limit), first
@@ -288,12 +291,12 @@ class UnionPair(ContactPair):
                 # A pair that is farther away says the limit, the gap of the nearest one so far.
                 gap = self.piece_pair(number).gap(model, data, best[0])
                 best = (gap, number) if gap < best[0] else best
-        self._last = best[1]
-        return best if best[0] < limit else (limit, -1)
+        return best
 
     def _nearest_pair(self, model: Any, data: Any) -> PiecePair:
         """The two pieces that are nearest to each other."""
-        return self.piece_pair(self._nearest(self._allowed, model, data, DISTANCE_LIMIT_M)[1])
+        self.gap(model, data, DISTANCE_LIMIT_M)
+        return self.piece_pair(self._last)
 
     def gap_to_rounding(self, model: Any, data: Any, gap: float) -> float:
         """The gap at the state in ``data``, to rounding; see :class:`ContactPair`."""
@@ -301,7 +304,10 @@ class UnionPair(ContactPair):
 
     def watched_gap(self, model: Any, data: Any, limit: float) -> float:
         """The same of what event location has to follow, see :meth:`apart_within`."""
-        return self._nearest(self._apart, model, data, limit)[0]
+        # Of equally near pairs the last one stays the nearest: bounds on the motion must not change which one that is, as
+        # they begin anew where a run goes on from a state.
+        gap, self._last_watched = self._nearest(self._apart, self._last_watched, model, data, limit)
+        return gap
 
     def apart_within(self, model: Any, data: Any, reach: float) -> list[PiecePair]:
         """Pairs of pieces within a reach in m that are not joined, nor parted by the face on which the bodies lie flat."""

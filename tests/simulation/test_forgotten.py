@@ -17,6 +17,8 @@ from ffsm_mj.state import StateError, as_mappings
 from tests.contact.features.test_gap_functions import in_contact, moved, pair_of
 from tests.contact.features.test_stored import CASES as FEATURES
 from tests.contact.test_geometry import shape
+from tests.contact.unions.scenes import free, geoms
+from tests.contact.unions.test_slides import CUBE, HALVES
 from tests.contact_models.joint_friction.scenes import arm, rubbing
 from tests.contact_models.joint_friction.test_chains import SWUNG
 from tests.controllers.detumbling import JETS, POSE, RATES, spacecraft
@@ -272,7 +274,36 @@ def test_the_last_normals_of_pieces(tmp_path, rng):
     sides = Sides(system, ids, 1e-9)
     both = sides.of(ids[0]), sides.of(ids[1])
     union = UnionPair(system, "union", both, [(ids[0], k) for k in ids[1:]], 0.5, 0.0, "rule")
-    assert normals_that_differ(union, model, data, rng, (UnionPair, "pieces"), {"pieces": []})
+    assert normals_that_differ(union, model, data, rng, (UnionPair, "pieces"), {"pieces": [], "last": -1})
+
+
+def test_the_piece_that_was_nearest_last(tmp_path):
+    """Of two pieces that are equally near: that from which the body came."""
+    (tmp_path / "robot.xml").write_text(CUBE)
+    (tmp_path / "floor.xml").write_text(free(geoms(HALVES)))
+    system = compile_paths(tmp_path / "robot.xml", {"floor": tmp_path / "floor.xml"})
+    model, data = system.mj, mujoco.MjData(system.mj)
+    robot, *floor = (model.geom(name).id for name in ("robot/g", "floor/b0", "floor/b1"))
+    sides = Sides(system, [robot, *floor], 1e-9)
+    union = UnionPair(system, "union", (sides.of(robot), sides.of(floor[0])), [(robot, k) for k in floor], 0.5, 0.0, "rule")
+
+    def nearest(x):
+        data.qpos[:3] = x, 0.0, 0.5
+        mujoco.mj_kinematics(model, data)
+        return union.geoms_among(model, data, ())
+
+    right = nearest(0.3)
+    assert right != nearest(-0.3)
+    nearest(0.3)
+    state = as_mappings(union.get_state())
+    assert nearest(0.0) == right
+    nearest(-0.3)
+    union.set_state(state)
+    assert nearest(0.0) == right
+    nearest(-0.3)
+    with forgetting(UnionPair, "last"):
+        union.set_state(state)
+    assert nearest(0.0) != right
 
 
 def test_every_class_is_here():
