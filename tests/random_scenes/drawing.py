@@ -21,14 +21,14 @@ STEPS_S = (5e-4, 1e-3, 2e-3, 5e-3, 1e-2)
 RESTITUTIONS = (0.0, 0.0, 0.0, 0.3, 0.5, 0.8, 0.95, 1.0)
 
 
-def draw(seed: int, folder: Path) -> Path:
-    """Write the scene of a seed; returns the path of its scenario."""
-    return _Scene(seed, folder).written()
+def draw(seed: int, folder: Path, *, whole: bool = False) -> Path:
+    """Write the scene of a seed; returns the path of its scenario. With ``whole`` no body is of several pieces."""
+    return _Scene(seed, folder, whole=whole).written()
 
 
 class _Scene:
-    def __init__(self, seed: int, folder: Path) -> None:
-        self.seed, self.folder = seed, folder
+    def __init__(self, seed: int, folder: Path, *, whole: bool) -> None:
+        self.seed, self.folder, self.whole = seed, folder, whole
         dice = Dice(seed, "scene")
         self.step_s = dice.pick(STEPS_S)
         self.period_s = self.step_s * dice.pick([1, 1, 1, 2, 5])
@@ -61,6 +61,7 @@ class _Scene:
         models = ModelDrawing(
             self.seed, self.step_s, gravity.tolist(), presses=self.presses, flat=self.flat, aligned=self.aligned
         )
+        models.cut = models.cut and not self.whole
         self.robot = models.robot(self.base)
         dice = Dice(self.seed, "objects")
         kinds = ["planar"] if self.flat else ["free"] * 4 + (["planar"] if self.base == "planar" else [])

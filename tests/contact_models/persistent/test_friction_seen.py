@@ -206,7 +206,7 @@ def test_a_phase_cannot_wait_for_slip_where_nothing_has_friction(tmp_path):
 def test_other_coefficients_of_friction_are_refused_by_name(tmp_path, key, says):
     rule = {"between": ["robot", "floor"], "restitution": 0.0, key: 0.3}
     path = on_floor(tmp_path)
-    with pytest.raises(InputError, match=rf"contacts.rules.0.{key}: unknown key: .*{says}.*; allowed: between, mu"):
+    with pytest.raises(InputError, match=rf"contacts.rules.0.{key}: unknown key: .*{says}.*; allowed: between, elastic, mu"):
         ffsm_mj.run(path, {"contacts.rules": [rule]})
 
 

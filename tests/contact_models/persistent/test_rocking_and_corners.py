@@ -157,7 +157,7 @@ def test_a_plate_slides_over_an_edge_corner_by_corner(tmp_path):
 
 def test_a_landing_that_a_step_passes_is_found(tmp_path):
     """Two meshes roll edge on edge; another vertex lands and lifts again within 5 ms, by 4 um where it is not stopped."""
-    path = draw(552, tmp_path)
+    path = draw(552, tmp_path, whole=True)
     path.write_text(json.dumps(json.loads(path.read_text()) | {"duration_s": 0.235}))
     run = ffsm_mj.run(path)
     model = compile_log(run.log).mj
@@ -173,7 +173,7 @@ def test_a_landing_that_a_step_passes_is_found(tmp_path):
 @pytest.mark.long
 def test_a_contact_that_touches_elsewhere_without_an_approach_goes_on(tmp_path):
     """Two cylinders at an angle of 2e-4 rad: the contact runs from end to end in 20 us, and its drift is no separation."""
-    path = draw(77, tmp_path)
+    path = draw(77, tmp_path, whole=True)
     path.write_text(json.dumps(json.loads(path.read_text()) | {"duration_s": 0.005}))
     run = ffsm_mj.run(path)
     assert_replayed(run)
