@@ -233,14 +233,14 @@ def raised_in(error: BaseException) -> FrameSummary | None:
     return next(iter((users or inside)[::-1]), None)
 
 
-_MOST_NAMES, _SHOWN_NAMES = 40, 10
-"""Names that a message lists whole; of more it shows so many, the most similar ones."""
+_LONGEST_LIST = 40
+"""Names that a message lists whole; of more it shows the most similar ones."""
 
 
 def unknown_name(kind: str, name: str, valid: Iterable[str]) -> str:
     """Sentence for a name that is not there: what it was meant to be, and the names that exist, of many the most similar."""
     names = sorted(set(valid), key=str.lower)
-    shown = names if len(names) <= _MOST_NAMES else most_similar_first(name, names)[:_SHOWN_NAMES]
+    shown = names if len(names) <= _LONGEST_LIST else most_similar_first(name, names)[:_MOST_NAMES]
     more = f" and {len(names) - len(shown)} more" if len(shown) < len(names) else ""
     allowed = ", ".join(shown) + more if names else f"none, the model has no {kind}"
     return f"unknown {kind} {name!r}{did_you_mean(name, names)}; allowed: {allowed}"

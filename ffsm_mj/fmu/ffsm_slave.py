@@ -30,7 +30,9 @@ class FfsmSlave(Fmi2Slave):
 
     def to_xml(self, model_options: Any = None) -> Any:  # noqa: ARG002
         """Model description, with units, bounds and all that the standard asks for."""
-        return model_description(self._about, self._run.ports)
+        description = model_description(self._about, self._run.ports)
+        self._run.close()  # it is asked for where a unit is written, of an instance that runs nothing
+        return description
 
     def setup_experiment(self, start_time: float, stop_time: float | None = None, tolerance: float | None = None) -> None:  # noqa: ARG002
         """Note the start time."""

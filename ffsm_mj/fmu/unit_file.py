@@ -6,6 +6,7 @@ import json
 import os
 import re
 from collections.abc import Mapping
+from contextlib import closing
 from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -43,8 +44,9 @@ def write_unit(scenario: Scenario, file: Path) -> CoSimulation:
     with TemporaryDirectory(prefix="ffsm_fmu_") as temporary:
         folder = Path(temporary)
         scenario.to_yaml(folder / SCENARIO)
-        unit = CoSimulation(folder / SCENARIO)
-        (folder / ABOUT).write_text(json.dumps(_about(scenario, unit.time_s, folder), indent=2) + "\n", encoding="utf-8")
+        with closing(CoSimulation(folder / SCENARIO)) as unit:
+            about = json.dumps(_about(scenario, unit.time_s, folder), indent=2)
+        (folder / ABOUT).write_text(about + "\n", encoding="utf-8")
         whole = folder / "whole.fmu"
         FmuBuilder.build_FMU(_SLAVE, whole, [folder / SCENARIO, folder / ABOUT])
         try:

@@ -86,7 +86,7 @@ def test_export_writes_beside_the_log(tmp_path, capsys):
     assert main(["export", "a", "--parquet", "--table", "impacts"]) == 0
     out = capsys.readouterr().out
     assert "a/samples.csv: 101 rows of" in out
-    assert "a/impacts.parquet: 0 rows of 46 columns" in out
+    assert "a/impacts.parquet: 0 rows of 47 columns" in out
     assert main(["export", "a", "--csv", "--table", "tables"]) == 2
     assert "unknown table 'tables' (did you mean 'samples'?); allowed: angular_momentum, checks, " in capsys.readouterr().err
 

@@ -108,8 +108,16 @@ def test_a_rule_of_many_pairs_is_the_physics_of_rules_of_one_pair_each(fallen, a
     # Contacts of one instant have no order.
     ours, theirs = (sorted(run.impacts, key=lambda r: (round(r.time_s, 9), r.geoms)) for run in (fallen, apart))
     assert [r.geoms for r in ours] == [r.geoms for r in theirs]
+    # A gap is rounded to some 1e-14 m, and the time at which it closes to that over its rate, of several contacts of one
+    # instant the fastest; the table of 4 kg gains 8 N times this time before, and its impulse up to (1 + e) times as much.
+    fastest = {hit.event: 0.0 for hit in ours}
+    for hit in ours:
+        fastest[hit.event] = max(fastest[hit.event], hit.approach_speed_m_s)
+    late_s = {event: 1e-14 / speed for event, speed in fastest.items()}
     for one, other in zip(ours, theirs, strict=True):
-        assert (one.time_s, one.impulse_N_s) == pytest.approx((other.time_s, other.impulse_N_s), abs=allowed)
+        assert one.time_s == pytest.approx(other.time_s, abs=allowed + late_s[one.event])
+        assert one.impulse_N_s == pytest.approx(other.impulse_N_s, abs=allowed + 1.3 * 8.0 * late_s[one.event])
+    allowed += 1.3 * 8.0 * sum(late_s.values())
     for column in ("force_N", "impulse_N_s"):
         every = sum(apart[f"contact.{name}_{column}"] for name in names_of(apart))
         np.testing.assert_allclose(fallen[f"contact.robot_floor_{column}"], every, rtol=allowed, atol=allowed)

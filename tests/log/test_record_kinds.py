@@ -223,7 +223,8 @@ def test_keys_of_the_summary_and_names_of_tables_are_reserved(plain_run):
     header = plain_run.log.header
     facts = dict(header.metadata) | {"start_s": "0.1", "model": "{}", "controller_model": "{}"}
     every = Run(replace(plain_run.log, header=replace(header, metadata=facts, kinds=(*header.kinds, GRASP.name))))
-    words = {*ffsm_mj.summary(every), SENSITIVITY_KEY} - {kind.plural for kind in kinds()}
+    # A run that waits for a clock has ``realtime`` too.
+    words = {*ffsm_mj.summary(every), SENSITIVITY_KEY, "realtime"} - {kind.plural for kind in kinds()}
     assert words == SUMMARY_KEYS
     for word in words | {"samples", "plumes"}:
         with pytest.raises(ValueError, match="the name is reserved"):

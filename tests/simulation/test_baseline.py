@@ -102,7 +102,7 @@ def test_summary_has_the_contracted_keys(baseline):
         *("law", "status", "theta", "restitution", "restitution_used", "dropped_gap_m", "dropped_flights_s"),
         *("approach_speed_m_s", "separation_speed_m_s", "impulse_N_s", "angular_impulse_N_m_s"),
         *("mu", "tangential_impulse_N_s", "slip_before_m_s", "slip_after_m_s", "path"),
-        *("normal_work_J", "friction_work_J", "compression_work_J"),
+        *("normal_work_J", "friction_work_J", "compression_work_J", "compliance_ratio"),
         *("qvel_before", "qvel_after", "energy_change_J", "linear_momentum_change_N_s", "angular_momentum_change_N_m_s"),
     ]
     assert set(summary["tip"]) == {"target_m", "min_error_m", "min_error_time_s", "final_error_m", "final_speed_m_s"}

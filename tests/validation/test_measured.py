@@ -235,7 +235,8 @@ def test_lists_of_a_script_are_read_without_executing_it(tmp_path, capsys):
     assert main(["validate", "measured-sphere", "--data", str(folder)]) == 0
     out, err = capsys.readouterr()
     rms = np.sqrt(np.mean((5.0 / 7.0 - np.array([0.7, 0.6])) ** 2))
-    assert f"2      {rms:.4f}" in out
+    (between,) = (line.split() for line in out.splitlines() if "9 to 32.5 deg" in line and f"{rms:.4f}" in line)
+    assert between[4:7] == ["2", "0.40", f"{rms:.4f}"]
     assert f"{3.5 * 0.4 - 1.0:.2f}" in out
     assert "another version of the data" in err
 
