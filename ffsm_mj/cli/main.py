@@ -134,7 +134,7 @@ def _implementation(command: str | None) -> Callable[[argparse.Namespace, Output
         case "sensitivity":
             from ffsm_mj.cli.sensitivity import sensitivity as perform
         case "fit":
-            from ffsm_mj.cli.fit import fit as perform
+            from ffsm_mj.cli.measured import fit as perform
         case "campaign":
             from ffsm_mj.cli.campaign import campaign as perform
         case "validate":

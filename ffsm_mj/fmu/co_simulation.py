@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 from ffsm_mj.assembly.simulator import Simulator, SimulatorState
 from ffsm_mj.errors import FfsmError, InputError, described
 from ffsm_mj.fmu.ports import EXTERNAL, OVERRIDES, RECORD, Outputs, Port, Value, inputs, parameters
+from ffsm_mj.state import StateError
 
 _SAME_TIME = 1e-6
 """Shares of a control period up to which two times are the same: masters add up steps in floating point."""
@@ -52,7 +53,10 @@ class CoSimulationState(NamedTuple):
             StateError: They are not those of a state.
         """
         whole, _, simulator = data.partition(b"\n")
-        values, phase, counts = json.loads(whole)
+        try:
+            values, phase, counts = json.loads(whole)
+        except (TypeError, ValueError) as error:
+            raise StateError(f"not a state of a unit: {described(error)}") from error
         return cls(values, phase, counts, SimulatorState.from_bytes(simulator) if simulator else None)
 
 

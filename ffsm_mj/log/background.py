@@ -10,7 +10,7 @@ from threading import Thread
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.log.recorder import RECORDED_ROWS, Sink
+from ffsm_mj.log.recorder import RECORDED_ROWS, Sink, close_all
 from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.run_log import RunHeader
 
@@ -105,10 +105,6 @@ class BackgroundSink(Sink):
             self._thread.join()
         if self._failure is not None:
             failures.append(self._failure)
-        for sink in self._sinks:
-            try:
-                sink.close(outcome)
-            except Exception as failure:  # noqa: BLE001 (raised below, after every sink is closed)
-                failures.append(failure)
+        failures += close_all(self._sinks, outcome)
         if failures:
             raise failures[0]

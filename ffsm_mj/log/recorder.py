@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from types import TracebackType
 
@@ -127,13 +127,20 @@ class Recorder:
             self.pass_on()
         except Exception as failure:  # noqa: BLE001 (raised below, after every sink is closed)
             failures.append(failure)
-        for sink in self._sinks:
-            try:
-                sink.close(self.outcome)
-            except Exception as failure:  # noqa: BLE001 (raised below, after every sink is closed)
-                failures.append(failure)
+        failures += close_all(self._sinks, self.outcome)
         if failures and error is None:
             raise failures[0]
+
+
+def close_all(sinks: Iterable[Sink], outcome: OutcomeRecord | None) -> list[Exception]:
+    """Close every sink, even if an earlier one fails; returns what failed."""
+    failures = []
+    for sink in sinks:
+        try:
+            sink.close(outcome)
+        except Exception as failure:  # noqa: BLE001 (of the caller, when every sink is closed)
+            failures.append(failure)
+    return failures
 
 
 @dataclass

@@ -13,6 +13,8 @@ from fmpy.validation import validate_fmu
 
 import ffsm_mj
 from ffsm_mj.cli.main import main
+from ffsm_mj.fmu.co_simulation import CoSimulationState
+from ffsm_mj.state import StateError
 from tests.contact_models.grasp.scenes import OFF, grasping
 from tests.fmu.masters import Instance, unit
 from tests.replays import proved
@@ -158,6 +160,12 @@ def test_a_step_back_is_as_if_it_had_not_been(tap):
         assert np.array_equal(straight.numbers("contact."), restless.numbers("contact."))
     assert len({one for one, _ in ends}) > 2
     assert all(one == other for one, other in ends)
+
+
+@pytest.mark.parametrize("data", [b"", b"[1, 2]\n", b"\xff", b"7\n{}"])
+def test_bytes_that_are_no_state_are_refused(data):
+    with pytest.raises(StateError, match="not a state of a unit"):
+        CoSimulationState.from_bytes(data)
 
 
 def test_what_is_refused_leaves_the_state_and_says_why(tap):

@@ -30,7 +30,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.impact.friction.oscillation import Modes, Oscillation
-from ffsm_mj.contact_models.impact.friction.result import FrictionResult, Status, clip_to_cone
+from ffsm_mj.contact_models.impact.friction.result import FrictionResult, Status, clip_to_cone, result_of_path
 from ffsm_mj.contact_models.impact.friction.routh import ROUNDING, until_event
 from ffsm_mj.contact_models.impact.laws import IMMOVABLE
 from ffsm_mj.tolerances import CANCELLED, RANK, SOLVED
@@ -321,14 +321,6 @@ def compliant(A: FloatArray, w: FloatArray, mu: float, e: float, rho: float) -> 
     path = _Path(G / scale, u / speed, mu, e, rho)
     status = path.run()
     impulse = clip_to_cone(path.impulse * (speed / scale), mu)
-    after = w + A.T @ impulse
     deepest = -0.5 * path.peak * path.peak
-    works = ((1.0 - e * e) * deepest, path.friction_work, deepest)
-    normal, friction, compression = np.array([[work] for work in works]) * (speed * speed / scale)
-    energy = 0.5 * float(w @ w)
-    missed = abs(float(normal[0] + friction[0]) - (0.5 * float(after @ after) - energy)) / energy
-    # Both works must give the change of kinetic energy; otherwise the path is not trusted.
-    if missed > SOLVED:
-        status = "unconverged"
-    modes = ", ".join(path.modes)
-    return FrictionResult(impulse[None], after, "compliant", status, 1.0, missed, (modes,), normal, friction, compression)
+    works = (1.0 - e * e) * deepest, path.friction_work, deepest
+    return result_of_path("compliant", status, A, w, impulse, np.array(works) * (speed * speed / scale), path.modes)

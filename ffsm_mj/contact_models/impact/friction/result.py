@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.tolerances import SOLVED
 
 
 def tangents(normal: FloatArray) -> FloatArray:
@@ -68,6 +70,31 @@ class FrictionResult:
     normal_work: FloatArray
     friction_work: FloatArray
     compression_work: FloatArray
+
+
+def result_of_path(
+    law: str, status: Status, A: FloatArray, w: FloatArray, impulse: FloatArray, works: FloatArray, modes: Iterable[str]
+) -> FrictionResult:
+    """Result of one contact that was followed in time; ``unconverged`` if its works are not those of its impulse.
+
+    Args:
+        law: The law.
+        status: How the path ended.
+        A: Rows J L^-T of normal and two tangents, (3, n).
+        w: Mass-weighted velocity before, (n,).
+        impulse: Impulse along (normal, t1, t2), N s, (3,).
+        works: Work of the normal impulse, of friction, and of compression, J, (3,).
+        modes: Modes of slip along the path.
+    """
+    after = w + A.T @ impulse
+    normal, friction, compression = works[:, None]
+    energy = 0.5 * float(w @ w)
+    missed = abs(float(normal[0] + friction[0]) - (0.5 * float(after @ after) - energy)) / energy
+    # Both works must give the change of kinetic energy; otherwise the path is not trusted.
+    if missed > SOLVED:
+        status = "unconverged"
+    path = ", ".join(modes)
+    return FrictionResult(impulse[None], after, law, status, 1.0, missed, (path,), normal, friction, compression)
 
 
 def clip_to_cone(impulse: FloatArray, mu: float) -> FloatArray:

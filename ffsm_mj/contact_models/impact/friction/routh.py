@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.impact.friction.result import FrictionResult, Status, clip_to_cone
+from ffsm_mj.contact_models.impact.friction.result import FrictionResult, Status, clip_to_cone, result_of_path
 from ffsm_mj.contact_models.impact.laws import IMMOVABLE
 from ffsm_mj.tolerances import CANCELLED, RANK, SOLVED
 
@@ -357,17 +357,8 @@ def stronge(A: FloatArray, w: FloatArray, mu: float, e: float) -> FrictionResult
     follower = _ImpulsePath(Problem(G / scale, u / speed, mu), e)
     status = follower.run()
     impulse = clip_to_cone(follower.path.impulse * (speed / scale), mu)
-    after = w + A.T @ impulse
-    normal, friction, compression = np.array(
-        [[follower.path.normal_work], [follower.path.friction_work], [follower.deepest]]
-    ) * (speed * speed / scale)
-    energy = 0.5 * float(w @ w)
-    missed = abs(float(normal[0] + friction[0]) - (0.5 * float(after @ after) - energy)) / energy
-    # Both works must give the change of kinetic energy; otherwise the integration of the path is not trusted.
-    if missed > SOLVED:
-        status = "unconverged"
-    modes = ", ".join(follower.modes)
-    return FrictionResult(impulse[None], after, "stronge", status, 1.0, missed, (modes,), normal, friction, compression)
+    works = follower.path.normal_work, follower.path.friction_work, follower.deepest
+    return result_of_path("stronge", status, A, w, impulse, np.array(works) * (speed * speed / scale), follower.modes)
 
 
 @dataclass
