@@ -1,17 +1,17 @@
 .PHONY: engines sync format lint type contracts schema figures campaign variants screenshots browser-pictures docs reader reference validate test test-fast build check all
 
 sync:        ## install everything a developer needs
-	uv sync
+	uv sync --group dev
 format:
-	uv run ruff format .
-	uv run ruff check --fix .
+	uv run --group dev ruff format .
+	uv run --group dev ruff check --fix .
 lint:
-	uv run ruff format --check .
-	uv run ruff check .
+	uv run --group dev ruff format --check .
+	uv run --group dev ruff check .
 type:
-	uv run mypy
+	uv run --group dev mypy
 contracts:
-	uv run lint-imports
+	uv run --group dev lint-imports
 schema:      ## regenerate the committed JSON Schema
 	uv run ffsm schema > scenarios/ffsm.schema.json
 	uv run ffsm schema --campaign > scenarios/ffsm-campaign.schema.json
@@ -41,7 +41,7 @@ figures:     ## the pictures of docs/verified-result.md, docs/persistent-contact
 validate:    ## regenerate the pages of validation, the seed paper's included: some minutes
 	uv run ffsm validate --page docs
 engines:     ## docs/engines.md from runs of other engines, in an environment of their own (1.5 GB); half an hour
-	UV_PROJECT_ENVIRONMENT=build/engines uv run --no-dev --group engines python benchmarks/engines.py
+	UV_PROJECT_ENVIRONMENT=build/engines uv run --group engines python benchmarks/engines.py
 campaign:    ## docs/campaign-example.md and its first rows: 1024 runs, some ten minutes on two processors
 	uv run ffsm campaign run baseline-dispersed --out logs/campaign-baseline-dispersed
 	uv run ffsm campaign report logs/campaign-baseline-dispersed --page docs/campaign-example.md
@@ -52,9 +52,9 @@ variants:    ## the figure of docs/variants.md: 64 runs, a minute on two process
 	mkdir -p docs/figures/variants
 	cp logs/campaign-laws-after-impact/figures/report/pareto.png docs/figures/variants
 screenshots: ## the pictures of the Rerun viewer (a Vulkan driver is enough, e.g. mesa-vulkan-drivers)
-	uv run python docs/screenshots.py
+	uv run --group dev python docs/screenshots.py
 browser-pictures: reader ## the pictures of pages in a browser (Chromium and ChromeDriver)
-	PYTHONPATH=. uv run python docs/browser_pictures.py
+	PYTHONPATH=. uv run --group dev python docs/browser_pictures.py
 docs:        ## the site, from docs/ and docstrings, into build/site; to look at: uv run --group docs mkdocs serve
 	uv run --group docs mkdocs build --strict --quiet
 reader:      ## an independent reader of the viewer topics, for tests/browser (needs npm)
@@ -62,9 +62,9 @@ reader:      ## an independent reader of the viewer topics, for tests/browser (n
 reference:   ## regenerate the committed log reference
 	uv run python docs/log_reference.py > docs/log-reference.md
 test:
-	uv run pytest
+	uv run --group dev pytest
 test-fast:
-	uv run pytest -m "not slow"
+	uv run --group dev pytest -m "not slow"
 build:       ## build the wheel and try it in an empty environment
 	uv build --wheel --out-dir dist
 	uv run --isolated --no-project --with dist/*.whl --directory / ffsm check baseline

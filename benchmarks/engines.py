@@ -1,6 +1,6 @@
 """Other engines on four scenes in zero gravity: a collision, a grip, free flight and a weld; error against cost.
 
-``UV_PROJECT_ENVIRONMENT=build/engines uv run --no-dev --group engines python benchmarks/engines.py`` makes an
+``UV_PROJECT_ENVIRONMENT=build/engines uv run --group engines python benchmarks/engines.py`` makes an
 environment with the engines (1.5 GB), runs every engine that is installed in a process of its own and writes
 ``docs/engines.json``, ``docs/engines.md`` and its figure. ``--page`` writes page and figure from the JSON; ``--only ENGINE``
 replaces the rows of one engine; ``--list`` prints what would be run.

@@ -1,6 +1,6 @@
 """Two spacecraft in orbit, beside Basilisk: relative position and attitude over an orbit.
 
-``uv run --no-dev --group engines python benchmarks/orbit.py`` (see docs/engines.md for an environment of its own) runs the
+``uv run --group engines python benchmarks/orbit.py`` (see docs/engines.md for an environment of its own) runs the
 same two bodies, 40 m apart and tumbling in 400 km, here and as Basilisk's ``Spacecraft`` with ``GravityGradientEffector``,
 RKF78 and steps of 1 s, for 5550 s. Basilisk has absolute positions, of which a rounding is 9e-10 m, and the torque alone of
 the gravity gradient; here is also its force, 1e-14 m/s^2 for these bodies, 1e-7 m in an orbit.

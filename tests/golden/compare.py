@@ -3,8 +3,8 @@
 All shipped scenarios and one campaign, with the extra ``fast`` where a revision has it: the same events, rows within 1e-11
 of their scale before the first event and 1e-9 after it, the same exit codes of run and analysis::
 
-    uv run python -m tests.golden.compare ed46dfb8
-    uv run python -m tests.golden.compare ed46dfb8 --scenarios baseline tap
+    uv run --group dev python -m tests.golden.compare ed46dfb8
+    uv run --group dev python -m tests.golden.compare ed46dfb8 --scenarios baseline tap
 """
 
 from __future__ import annotations

