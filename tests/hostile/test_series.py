@@ -1,7 +1,7 @@
 """Series of cases: no traceback, no hang, no stray write, a documented exit code, every fault with its place.
 
-``uv run --group dev python -m tests.hostile --cases 20000`` runs a long one by hand, ``--seed 27`` that of strangers' files; ``--only N
---keep DIR`` one case, its files kept.
+``uv run --group dev python -m tests.hostile --cases 20000`` runs a long one by hand, ``--seed 27`` that of strangers' files;
+``--only N --keep DIR`` one case, its files kept.
 """
 
 from __future__ import annotations

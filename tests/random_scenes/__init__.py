@@ -1,7 +1,7 @@
 """Random scenes of all features together: a seed gives a scene on which run, checks, log replay and an oracle agree.
 
-``uv run --group dev python -m tests.random_scenes 0 300 --jobs 2`` runs a range of seeds and groups what differs by its cause. A
-seed is never left out; refusals and runs that end early are counted apart. Every feature of the product joins here
+``uv run --group dev python -m tests.random_scenes 0 300 --jobs 2`` runs a range of seeds and groups what differs by cause.
+A seed is never left out; refusals and runs that end early are counted apart. Every feature of the product joins here
 before it counts as done. Each topic has random numbers of its own (:mod:`tests.random_scenes.dice`), so that it
 changes no other one.
 

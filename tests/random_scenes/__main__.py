@@ -1,4 +1,7 @@
-"""Run the scenes of a range of seeds and group what differs by cause: ``uv run --group dev python -m tests.random_scenes 0 300``."""
+"""Run the scenes of a range of seeds and group what differs by cause.
+
+``uv run --group dev python -m tests.random_scenes 0 300``
+"""
 
 from __future__ import annotations
 

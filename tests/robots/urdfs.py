@@ -1,4 +1,6 @@
-"""The URDFs of ``example-robot-data`` as they are, meshes aside: ``uv run --group dev --group robots python -m tests.robots.urdfs``.
+"""The URDFs of ``example-robot-data`` as they are, meshes aside.
+
+``uv run --group dev --group robots python -m tests.robots.urdfs``
 
 The same throw as in :mod:`tests.robots.menagerie`: each mesh becomes a sphere of 20 mm, arms and hands stand on a bus of
 500 kg, all others float on their own root. Nothing is stripped: couplings (``mimic``), limits of efforts, dry friction,

@@ -1,4 +1,7 @@
-"""Run the random scenes of some seeds: ``uv run --group dev python -m tests.contact.unions 0 300``; ``--write`` to run one by hand."""
+"""Run the random scenes of some seeds: ``uv run --group dev python -m tests.contact.unions 0 300``.
+
+``--write`` writes one, to be run by hand.
+"""
 
 from __future__ import annotations
 
