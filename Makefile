@@ -1,4 +1,4 @@
-.PHONY: engines sync format lint type contracts schema figures campaign variants screenshots browser-pictures docs reader reference validate test test-fast build check all
+.PHONY: engines sync format lint type contracts schema figures campaign variants screenshots browser-pictures docs reader reference validate test test-fast build release-notes check all
 
 sync:        ## install everything a developer needs
 	uv sync --group dev
@@ -68,5 +68,9 @@ test-fast:
 build:       ## build the wheel and try it in an empty environment
 	uv build --wheel --out-dir dist
 	uv run --isolated --no-project --with dist/*.whl --directory / ffsm check baseline
+release-notes: ## the section of CHANGELOG.md of the version in pyproject.toml
+	@version="$$(sed -n 's/^version = "\(.*\)"/\1/p' pyproject.toml)"; \
+	awk -v version="$$version" '/^## / { on = ($$2 == version); next } on { print; lines++ } END { exit !lines }' CHANGELOG.md \
+	|| { echo "CHANGELOG.md has no section of $$version" >&2; exit 1; }
 check: lint type contracts
 all: check test build

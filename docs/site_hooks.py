@@ -1,4 +1,4 @@
-"""What the site has besides the pages of docs/: README and changelog, the tour, the reference of the Python names."""
+"""What the site has besides the pages of docs/: pages of the root, the tour, the reference of the Python names."""
 
 from __future__ import annotations
 
@@ -56,6 +56,7 @@ def on_config(config: Any) -> Any:
 def on_files(files: Files, config: Any) -> Files:
     """Add the pages that are made."""
     made = {"index.md": _from_root("README.md"), "changelog.md": _from_root("CHANGELOG.md"), "tour.md": _tour()}
+    made |= {"contributing.md": _from_root("CONTRIBUTING.md"), "security.md": _from_root("SECURITY.md")}
     made |= {_place(title): _reference(title, *parts) for title, parts in API.items()}
     for place, text in made.items():
         files.append(File.generated(config, place, content=text))
@@ -78,7 +79,8 @@ def _place(title: str) -> str:
 
 def _from_root(name: str) -> str:
     """A page that stands beside docs/, with links that hold inside it."""
-    return (ROOT / name).read_text(encoding="utf-8").replace("](docs/", "](")
+    text = (ROOT / name).read_text(encoding="utf-8").replace("](docs/", "](")
+    return re.sub(r"\]\(([A-Z]+\.md)", lambda found: f"]({found[1].lower()}", text)
 
 
 def _reference(title: str, begins: str, *names: str) -> str:
