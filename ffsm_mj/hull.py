@@ -14,8 +14,6 @@ Point = Sequence[float] | FloatArray
 _SAMPLES_PER_EDGE = 4
 """Points per edge of a facet of the hull."""
 _MOST_SAMPLES = 400
-_BLOCK = 4000
-"""Triangles compared with the samples at once."""
 
 
 def hull(points: FloatArray, *, merge: float = 0.0, straight: float = 0.0) -> FloatArray:
@@ -75,11 +73,7 @@ def hull_offset(model: Any, geom: int) -> float:
     vertices = np.asarray(model.mesh_vert[first : first + count], dtype=np.float64)
     start = int(model.mesh_faceadr[mesh])
     triangles = vertices[model.mesh_face[start : start + int(model.mesh_facenum[mesh])]]
-    samples = _on_hull(vertices)
-    squared = np.full(len(samples), np.inf)
-    for block in range(0, len(triangles), _BLOCK):
-        squared = np.minimum(squared, squared_distances(samples, triangles[block : block + _BLOCK]))
-    return float(np.sqrt(squared.max(initial=0.0)))
+    return greatest_distance(_on_hull(vertices), triangles)
 
 
 def _on_hull(vertices: FloatArray) -> FloatArray:
@@ -98,25 +92,36 @@ def _on_hull(vertices: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("sk,fkx->fsx", weights, facets[kept]).reshape(-1, 3))
 
 
-def squared_distances(points: FloatArray, triangles: FloatArray) -> FloatArray:
-    """Squared distance of each point from the nearest of some triangles, (n,).
+def greatest_distance(points: FloatArray, triangles: FloatArray) -> float:
+    """Greatest distance of some points, (n, 3), from the nearest of some triangles, (m, 3, 3), in m; 0 without points."""
+    from scipy.spatial import KDTree  # takes long to import: see above
 
-    A point projects into a triangle, or its nearest point is on one of the edges.
-    """
-    a, edges = triangles[:, 0], (triangles[:, [1, 2, 0]] - triangles)
+    centres = triangles.mean(axis=1)
+    radii = np.linalg.norm(triangles - centres[:, None], axis=2).max(axis=1)
+    # The centre of a triangle is one of its points: none is farther from the triangles than from the nearest centre.
+    bounds, _ = KDTree(centres).query(points) if len(points) else (np.zeros(0), None)
+    greatest = 0.0
+    for i in np.argsort(-bounds):
+        if bounds[i] ** 2 <= greatest:
+            break
+        # Triangles beyond the bound are not the nearest; the margin is far above rounding of either distance.
+        near = np.linalg.norm(centres - points[i], axis=1) - radii <= bounds[i] * (1.0 + 1e-9)
+        greatest = max(greatest, _squared_distance(points[i], triangles[near]))
+    return float(np.sqrt(greatest))
+
+
+def _squared_distance(point: FloatArray, triangles: FloatArray) -> float:
+    """Squared distance of a point from the nearest of some triangles: it projects into one, or is nearest to an edge."""
+    edges = triangles[:, [1, 2, 0]] - triangles
     normals = np.cross(edges[:, 0], -edges[:, 2])
     area = np.einsum("ij,ij->i", normals, normals)
-    solid = area > 0.0
-    nearest = np.full(len(points), np.inf)
-    for i, point in enumerate(points):
-        to = point - triangles  # from each corner, (m, 3, 3)
-        along = np.einsum("mkx,mkx->mk", to, edges) / np.maximum(np.einsum("mkx,mkx->mk", edges, edges), 1e-300)
-        off = to - np.clip(along, 0.0, 1.0)[:, :, None] * edges
-        best = np.einsum("mkx,mkx->mk", off, off).min()
-        side = np.einsum("mx,mkx->mk", normals, np.cross(edges, to))
-        inside = solid & (side >= 0.0).all(axis=1)
-        if inside.any():
-            height = np.einsum("mx,mx->m", (point - a)[inside], normals[inside])
-            best = min(best, float((height**2 / area[inside]).min()))
-        nearest[i] = best
-    return nearest
+    to = point - triangles  # from each corner, (m, 3, 3)
+    along = np.einsum("mkx,mkx->mk", to, edges) / np.maximum(np.einsum("mkx,mkx->mk", edges, edges), 1e-300)
+    off = to - np.clip(along, 0.0, 1.0)[:, :, None] * edges
+    best = float(np.einsum("mkx,mkx->mk", off, off).min())
+    side = np.einsum("mx,mkx->mk", normals, np.cross(edges, to))
+    inside = (area > 0.0) & (side >= 0.0).all(axis=1)
+    if inside.any():
+        height = np.einsum("mx,mx->m", to[inside, 0], normals[inside])
+        best = min(best, float((height**2 / area[inside]).min()))
+    return best

@@ -273,15 +273,19 @@ def _coplanar(points: FloatArray, facets: Any, merge: float) -> list[list[int]]:
     corners = points[facets.simplices]
     areas = np.array([np.linalg.norm(area_vector(triangle)) for triangle in corners])
     waiting, groups = set(range(len(corners))), []
+    places, planes, neighbors = corners.tolist(), facets.equations.tolist(), facets.neighbors.tolist()
     for first in np.argsort(-areas).tolist():
         if first not in waiting:
             continue
-        normal, offset = facets.equations[first, :3], -facets.equations[first, 3]
-        level = np.abs(corners @ normal - offset).max(axis=1) <= merge
+        a, b, c, d = planes[first]
         group = [first]
         waiting.discard(first)
         for facet in group:  # grows meanwhile
-            adjacent = [k for k in facets.neighbors[facet].tolist() if k in waiting and level[k]]
+            adjacent = [
+                k
+                for k in neighbors[facet]
+                if k in waiting and all(abs(a * x + b * y + c * z + d) <= merge for x, y, z in places[k])
+            ]
             waiting.difference_update(adjacent)
             group += adjacent
         groups.append(group)

@@ -21,15 +21,14 @@ def check(options: argparse.Namespace, output: Output) -> int:
     Raises:
         InputError: It is invalid.
     """
-    if is_campaign(options.scenario):
-        lines = described(load_campaign(options.scenario, options.overrides))
-    else:
-        prepared = prepare(options.scenario, options.overrides)
-        lines = [
-            *prepared.describe(),
-            *(f"uncertain: {parameter.size} in {parameter.key}" for parameter in uncertain_parameters(prepared)),
-        ]
-        lines.append(f"core: {BUILT}")
+    with output.progress() as stage:
+        stage(f"compile {options.scenario}")
+        if is_campaign(options.scenario):
+            lines = described(load_campaign(options.scenario, options.overrides))
+        else:
+            prepared = prepare(options.scenario, options.overrides)
+            uncertain = [f"uncertain: {parameter.size} in {parameter.key}" for parameter in uncertain_parameters(prepared)]
+            lines = [*prepared.describe(), *uncertain, f"core: {BUILT}"]
     for line in lines:
         output.say(line)
     return OK

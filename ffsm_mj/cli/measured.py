@@ -25,6 +25,7 @@ def fit(options: argparse.Namespace, output: Output) -> int:
 
     folder = Path(options.out) if options.out else Path("logs") / f"{scenario_path(options.scenario).stem}-fit"
     with output.progress() as stage:
+        stage(f"compile {options.scenario}")
         prepared = prepare(options.scenario, options.overrides)
         usable_folder(folder)
         stage("fit")

@@ -52,7 +52,7 @@ def run(options: argparse.Namespace, output: Output) -> int:
     if stated is not None:
         stated.refuse_earlier_run()
     with output.progress() as stage:
-        stage(f"prepare {options.scenario}")
+        stage(f"compile {options.scenario}")
         try:
             prepared = (
                 prepare(options.scenario, options.overrides)

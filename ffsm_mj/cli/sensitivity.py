@@ -32,6 +32,7 @@ def sensitivity(options: argparse.Namespace, output: Output) -> int:
 
     wrt = dict(map(_standard_deviation, options.wrt))
     with output.progress() as stage:
+        stage(f"compile {options.scenario}")
         prepared = prepare(options.scenario, options.overrides)
         uncertain_parameters(prepared, wrt)
         nominal = prepared.run(report=stage(prepared.scenario.name, "s", prepared.scenario.duration_s))

@@ -88,8 +88,10 @@ def _record(run: Path | None, scenario: str, overrides: list[str], path: Path, o
         from ffsm_mj.assembly.prepare import prepare
         from ffsm_mj.log.rerun.initial_scene import write_initial_scene
 
-        prepared = prepare(scenario, overrides)
-        write_initial_scene(initial_scene(prepared.assemble(), prepared.describe()), path)
+        with output.progress() as stage:
+            stage(f"compile {scenario}")
+            prepared = prepare(scenario, overrides)
+            write_initial_scene(initial_scene(prepared.assemble(), prepared.describe()), path)
         return
     from ffsm_mj.analysis.run import load_run
     from ffsm_mj.log.rerun.sink import write_recording

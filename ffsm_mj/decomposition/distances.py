@@ -13,7 +13,7 @@ import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.decomposition.surface import Surface
-from ffsm_mj.hull import squared_distances
+from ffsm_mj.hull import greatest_distance
 from ffsm_mj.polytope import Polytope
 
 _SAMPLES = 2_000
@@ -49,7 +49,7 @@ def distances(surface: Surface, pieces: Sequence[Polytope]) -> Distances:
     inside = between[[surface.winding(point) > 0.5 for point in between]]
     points = np.vstack((_some(surface.vertices, count, rng), on_surface, inside))
     uncovered = points[~_in_any(points, pieces)]
-    return Distances(_greatest(outside, surface.triangles), _greatest(uncovered, of_pieces))
+    return Distances(greatest_distance(outside, surface.triangles), greatest_distance(uncovered, of_pieces))
 
 
 def _triangles(piece: Polytope) -> FloatArray:
@@ -78,16 +78,3 @@ def _in_any(points: FloatArray, pieces: Sequence[Polytope]) -> BoolArray:
     for piece in pieces:
         inside |= (points @ piece.normals.T - piece.offsets).max(axis=1) <= 0.0
     return inside
-
-
-def _greatest(points: FloatArray, triangles: FloatArray) -> float:
-    """Greatest distance of points from triangles, m; 0 without points."""
-    centres = triangles.mean(axis=1)
-    radii = np.linalg.norm(triangles - centres[:, None], axis=2).max(axis=1)
-    greatest = 0.0
-    for point in points:
-        to_centres = np.linalg.norm(centres - point, axis=1)
-        # One of the triangles is no farther than its centre and radius say: those beyond are not the nearest.
-        near = to_centres - radii <= (to_centres + radii).min()
-        greatest = max(greatest, float(squared_distances(point[None], triangles[near])[0]))
-    return float(np.sqrt(greatest))

@@ -16,6 +16,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import chain, count
 from threading import Lock
 from typing import Any
 
@@ -179,7 +180,7 @@ def _name_all(spec: Any) -> None:
 
     def name(element: Any, wanted: str) -> None:
         if not element.name:
-            element.name = next(n for n in (wanted, *(f"{wanted}_{i}" for i in range(2, 10_000))) if n not in used)
+            element.name = next(n for n in chain((wanted,), (f"{wanted}_{i}" for i in count(2))) if n not in used)
             used.add(element.name)
 
     for body in spec.bodies[1:]:  # the first is the world

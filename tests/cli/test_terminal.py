@@ -160,6 +160,40 @@ def test_an_interrupted_command_leaves_a_clean_terminal(tmp_path):
     assert shown.cursor
 
 
+SLOW = """
+import sys, time
+from ffsm_mj.assembly import models
+from ffsm_mj.cli.main import main
+
+compiled = models.compile_system
+models.compile_system = lambda *args, **options: time.sleep(1.0) or compiled(*args, **options)
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.long(by_turns=True)
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("check", "{}"),
+        ("run", "{}", "--no-rerun", "--out", "a"),
+        ("view", "{}", "--save", "a.rrd"),
+        ("sensitivity", "{}", "--of", "impact_1.time_s", "--wrt", "initial.rates.robot/x=0.01"),
+        ("fit", "none.csv", "--scenario", "{}"),
+        ("impact-map", "{}"),
+        ("fmu", "{}"),
+    ],
+    ids=lambda arguments: arguments[0],
+)
+def test_a_command_that_compiles_for_a_second_shows_a_sign_of_life(tmp_path, arguments):
+    """Whatever becomes of the command: the model of a real robot compiles for seconds before anything else is known."""
+    path = str(two_balls(tmp_path, duration_s=0.1))
+    shown = on_terminal([sys.executable, "-c", SLOW, *(argument.format(path) for argument in arguments)])
+    assert "compile" in shown.written or "impact map" in shown.written, shown.written
+    assert "compile" not in "\n".join(shown.screen)
+    assert shown.cursor
+
+
 NAMED = r"""
 import time
 from ffsm_mj.cli.standard_streams import progress
