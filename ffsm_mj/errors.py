@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,6 +22,10 @@ THE_LOG = "the log"
 
 class FfsmError(Exception):
     """Root of every error that ffsm-mj raises on purpose."""
+
+
+class ScenarioNote(UserWarning):
+    """What a user should know about a scenario before it runs; ``ffsm check`` prints it."""
 
 
 @dataclass(frozen=True)
@@ -141,9 +145,8 @@ class UnknownSensorError(FfsmError, KeyError):
     """A sensor that no model has; the message lists the sensors that there are, the most similar names first."""
 
     def __init__(self, name: object, sensors: Iterable[str]) -> None:
-        names = most_similar_first(str(name), sensors)
-        more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
-        known = f"the sensors are {', '.join(names[:_MOST_NAMES])}{more}" if names else "the models have no sensors"
+        names = tuple(sensors)
+        known = f"the sensors are {_listed(str(name), names)}" if names else "the models have no sensors"
         super().__init__(f"unknown sensor {str(name)!r}{did_you_mean(str(name), names)}; {known}")
 
     __str__ = Exception.__str__  # that of KeyError puts the message in quotes
@@ -229,21 +232,32 @@ def raised_in(error: BaseException) -> FrameSummary | None:
     """
     frames = [f for f in extract_tb(error.__traceback__) if f.lineno and not f.filename.startswith("<frozen ")]
     inside = [f for f in frames if _PACKAGE in Path(f.filename).parents]
-    users = [f for f in frames if f not in inside and not any(library in Path(f.filename).parents for library in _LIBRARIES)]
-    return next(iter((users or inside)[::-1]), None)
+    return next(iter(([f for f in frames if _is_users(f.filename)] or inside)[::-1]), None)
 
 
-_LONGEST_LIST = 40
-"""Names that a message lists whole; of more it shows the most similar ones."""
+def written_at(method: Callable[..., object]) -> str:
+    """`` (file:line)`` of a method of the user's code; empty for one of this package or of a library."""
+    code = getattr(method, "__code__", None)
+    return f" ({Path(code.co_filename).name}:{code.co_firstlineno})" if code and _is_users(code.co_filename) else ""
+
+
+def _is_users(file: str) -> bool:
+    """Whether a file is part of neither this package nor a library."""
+    return not any(home in Path(file).parents for home in (_PACKAGE, *_LIBRARIES))
 
 
 def unknown_name(kind: str, name: str, valid: Iterable[str]) -> str:
     """Sentence for a name that is not there: what it was meant to be, and the names that exist, of many the most similar."""
-    names = sorted(set(valid), key=str.lower)
-    shown = names if len(names) <= _LONGEST_LIST else most_similar_first(name, names)[:_MOST_NAMES]
-    more = f" and {len(names) - len(shown)} more" if len(shown) < len(names) else ""
-    allowed = ", ".join(shown) + more if names else f"none, the model has no {kind}"
+    names = set(valid)
+    allowed = _listed(name, names) if names else f"none, the model has no {kind}"
     return f"unknown {kind} {name!r}{did_you_mean(name, names)}; allowed: {allowed}"
+
+
+def _listed(name: str, valid: Collection[str]) -> str:
+    """Names by alphabet, or the most similar ones to a name first and the number of all others."""
+    if len(valid) <= _MOST_NAMES:
+        return ", ".join(sorted(valid, key=str.lower))
+    return f"{', '.join(most_similar_first(name, valid)[:_MOST_NAMES])} and {len(valid) - _MOST_NAMES} more"
 
 
 def full_name(kind: str, name: str, names: Iterable[str]) -> str:

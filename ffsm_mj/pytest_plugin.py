@@ -16,19 +16,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import pytest
 
 if TYPE_CHECKING:
     from ffsm_mj.analysis.run import Run
+    from ffsm_mj.scenario.overrides import Overrides
     from ffsm_mj.verification.checks import Tolerance
 
 
 class RunFactory(Protocol):
     """What the fixture ``ffsm_run`` is."""
 
-    def __call__(self, source: str | Path, overrides: Sequence[str] | Mapping[str, Any] = (), *, rerun: bool = False) -> Run:
+    def __call__(self, source: str | Path, overrides: Overrides = (), *, rerun: bool = False) -> Run:
         """Run a scenario, or read a run; see :func:`ffsm_run`."""
 
 
@@ -43,7 +44,7 @@ def ffsm_run(tmp_path_factory: pytest.TempPathFactory) -> RunFactory:
     """
     cache: dict[tuple[str, str, bool], Run] = {}
 
-    def run(source: str | Path, overrides: Sequence[str] | Mapping[str, Any] = (), *, rerun: bool = False) -> Run:
+    def run(source: str | Path, overrides: Overrides = (), *, rerun: bool = False) -> Run:
         import ffsm_mj
         from ffsm_mj.errors import InputError
 

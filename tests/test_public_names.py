@@ -36,6 +36,15 @@ print(completer.complete("ffsm_mj.Sce", 0))
     assert python(code) == ["ffsm_mj.load_run(", "ffsm_mj.Scenario("]
 
 
+def test_the_version_is_that_of_the_package():
+    code = """
+import sys, ffsm_mj
+from importlib.metadata import version
+print(ffsm_mj.__version__ == version("ffsm-mj"), "__version__" in dir(ffsm_mj))
+"""
+    assert python(code) == ["True True"]
+
+
 def test_type_checkers_read_the_same_names():
     """The imports that only they see are ``__all__``, from where ``__getattr__`` takes them."""
     assert (PACKAGE / "py.typed").is_file()

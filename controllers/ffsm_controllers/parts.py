@@ -63,7 +63,7 @@ class Parts(Stateful):
             actuators: Names of all actuators of the model.
         """
         self._actuators = tuple(actuators)
-        self.parts = tuple(Part(name, kind, law, Command.off(len(actuators))) for name, (kind, law) in laws.items())
+        self.parts = tuple(Part(name, kind, law, Command.off(self._actuators)) for name, (kind, law) in laws.items())
         self._laws = {part.name: with_state(part.law, f"part {part.name!r} ({part.kind})") for part in self.parts}
         self._order = sorted(self.parts, key=lambda part: bool(getattr(part.law, "after_others", False)))
         self.telemetry_signals = tuple(

@@ -180,6 +180,11 @@ class PhaseMachine:
         return f"phase {phase.name!r}, {part}" if part else f"phase {phase.name!r} ({phase.kind})"
 
     @property
+    def law(self) -> Controller:
+        """The control law in charge."""
+        return self.phases[max(self.phase_index, 0)].law(self._grasp)
+
+    @property
     def grasp(self) -> str:
         """Name of the grasp for whose system the law in charge is made; empty: for the system without a grasp."""
         return self._grasp

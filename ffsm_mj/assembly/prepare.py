@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import json
+import sys
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -19,7 +20,7 @@ from ffsm_mj.assembly.models import Reader, compile_scenario
 from ffsm_mj.assembly.origin import Origin, origin_of, refuse_changes, with_initial_state
 from ffsm_mj.assembly.recorded_files import recorded_files, with_waypoints
 from ffsm_mj.assembly.run import simulate
-from ffsm_mj.errors import InputError, raised_by_plugin
+from ffsm_mj.errors import InputError, ScenarioNote, raised_by_plugin
 from ffsm_mj.fields.interface import Field as ExternalField
 from ffsm_mj.fields.interface import register_all
 from ffsm_mj.invocation import on_command_line, override
@@ -28,7 +29,8 @@ from ffsm_mj.model.files import read_model
 from ffsm_mj.model.properties import PropertyChange
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Outcome
-from ffsm_mj.scenario.loading import plain, refuse_wrong_classes, stated_source, validated
+from ffsm_mj.scenario.loading import refuse_wrong_classes, stated_source, validated
+from ffsm_mj.scenario.overrides import Overrides, as_texts
 from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.scenario.shipped import scenario_path
 from ffsm_mj.scenario.source import YamlSource, read_yaml
@@ -36,8 +38,6 @@ from ffsm_mj.scenario.source import YamlSource, read_yaml
 _NONE: Mapping[str, Any] = MappingProxyType({})
 
 
-Overrides: TypeAlias = Sequence[str] | Mapping[str, Any]
-"""Changes of a scenario: ``key=value`` strings as on the command line, or a mapping of dotted keys to values."""
 Classes: TypeAlias = Mapping[str, Any]
 """Control laws or estimators of a script: classes by the ``kind`` under which a scenario asks for them."""
 
@@ -88,7 +88,7 @@ class Scenario(ScenarioConfig):
             InputError: One line per fault, with file, line and column.
         """
         loaded = cls.__new__(cls)
-        loaded._validate(read_yaml(scenario_path(scenario)), as_overrides(overrides), controllers, estimators)
+        loaded._validate(read_yaml(scenario_path(scenario)), as_texts(overrides), controllers, estimators)
         return loaded
 
     def _validate(self, base: YamlSource, overrides: Sequence[str], controllers: Classes, estimators: Classes) -> None:
@@ -115,7 +115,7 @@ class Scenario(ScenarioConfig):
         if not overrides and not controllers and not estimators:
             return self
         changed = self.__class__.__new__(self.__class__)
-        all_overrides = [*self._overrides, *as_overrides(overrides)]
+        all_overrides = [*self._overrides, *as_texts(overrides)]
         laws, others = {**self.controllers, **controllers}, {**self.estimators, **estimators}
         changed._validate(self._base, all_overrides, laws, others)
         return changed
@@ -205,6 +205,7 @@ class Scenario(ScenarioConfig):
             folder.refuse_earlier_run()
         with law_errors(check):
             prepared = self.prepared
+        warn_of_notes(prepared)
         return uninterrupted(prepared.run(folder=folder, rerun=rerun, live=live, report=report, check=check))
 
     def to_yaml(self, folder: str | Path) -> Path:
@@ -285,10 +286,13 @@ def run(
         force: Replace a run that ``out`` already holds.
         rerun: Write ``run.rrd`` into the folder; None: as the scenario says.
         live: ``host:port`` of a Rerun viewer to stream to; one that is missing or goes away never ends the run.
-        report: Told (simulation time, duration) in s as the run goes.
+        report: Told (simulation time, duration) in s as the run goes; ``ffsm_mj.progress()`` shows a line of it.
         check: Raise what a control law, an estimator, a contact model or another callback raised, when the log is closed:
             the same exception with its traceback, a note on the end of the run, and the attribute ``run_folder``, a
             ``Path`` or None. If false, the run is returned, with the outcome ``controller_failed`` or ``internal_error``.
+
+    Warns:
+        ScenarioNote: What to know about the scenario, one warning for each note of ``ffsm check``.
 
     Returns:
         The run, the same object that :func:`ffsm_mj.load_run` reads from the log.
@@ -303,6 +307,22 @@ def run(
         RunFolder(Path(out), force=force).refuse_earlier_run()  # before the models are compiled
     chosen = scenario_of(scenario, overrides, controllers=controllers, estimators=estimators)
     return chosen.run(out, force=force, rerun=rerun, live=live, report=report, check=check)
+
+
+def warn_of_notes(prepared: PreparedRun) -> None:
+    """Give a user's program the notes of a scenario as warnings, each at the line of his that runs it.
+
+    Where this package runs a scenario, as for a map of impacts, nobody has asked for its notes.
+    """
+    frame = sys._getframe(1)
+    while frame.f_back is not None and Path(frame.f_code.co_filename).parent == Path(__file__).parent:
+        frame = frame.f_back
+    if Path(__file__).parents[1] in Path(frame.f_code.co_filename).parents:
+        return
+    registry = frame.f_globals.setdefault("__warningregistry__", {})
+    for note in prepared.notes():
+        place = frame.f_code.co_filename, frame.f_lineno, frame.f_globals.get("__name__"), registry
+        warnings.warn_explicit(f"{prepared.scenario.name}: {note}", ScenarioNote, *place)
 
 
 def uninterrupted(finished: Run) -> Run:
@@ -349,26 +369,6 @@ def prepare(
     """
     with law_errors(check):
         return scenario_of(scenario, overrides, controllers=controllers, estimators=estimators).prepared
-
-
-def as_overrides(overrides: Overrides) -> list[str]:
-    """Overrides as on the command line, from these or from values by dotted key.
-
-    Raises:
-        InputError: A value cannot stand in a file, such as a model in memory.
-    """
-    return (
-        [f"{key}={_json(key, value)}" for key, value in overrides.items()]
-        if isinstance(overrides, Mapping)
-        else list(overrides)
-    )
-
-
-def _json(key: str, value: Any) -> str:
-    try:
-        return json.dumps(plain(value, (key,)))
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{key}: {error}; an override has a value that a file can have") from error
 
 
 def recipe(
@@ -485,7 +485,7 @@ class PreparedRun(CompiledScenario):
 def prepare_from(
     run: str | Path,
     from_s: float,
-    overrides: Sequence[str] | Mapping[str, Any] = (),
+    overrides: Overrides = (),
     *,
     controllers: Mapping[str, Any] = MappingProxyType({}),
     estimators: Mapping[str, Any] = MappingProxyType({}),
@@ -502,7 +502,7 @@ def prepare_from(
     file = Path(run) / SCENARIO
     if not file.is_file():
         raise InputError(f"{run}: is no run folder that can go on: it has no {SCENARIO}")
-    texts = as_overrides(overrides)
+    texts = as_texts(overrides)
     begin = ["initial.from=.", f"initial.at_s={from_s!r}"]
     try:
         return prepare(file, [*texts, *begin], controllers=controllers, estimators=estimators, check=check)
@@ -517,7 +517,7 @@ def prepare_from(
 def resume(
     run: str | Path,
     from_s: float,
-    overrides: Sequence[str] | Mapping[str, Any] = (),
+    overrides: Overrides = (),
     *,
     controllers: Mapping[str, Any] = MappingProxyType({}),
     estimators: Mapping[str, Any] = MappingProxyType({}),
@@ -555,4 +555,5 @@ def resume(
     if folder is not None:
         folder.refuse_earlier_run()
     prepared = prepare_from(run, from_s, overrides, controllers=controllers, estimators=estimators, check=check)
+    warn_of_notes(prepared)
     return prepared.run(folder=folder, rerun=rerun, live=live, report=report, check=check)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping
 from contextlib import ExitStack
 from contextvars import copy_context
 from dataclasses import dataclass, field, replace
@@ -19,7 +19,7 @@ import numpy as np
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.assembly.assemble import Assembly
-from ffsm_mj.assembly.prepare import PreparedRun, Scenario, as_overrides, law_errors, scenario_of
+from ffsm_mj.assembly.prepare import PreparedRun, Scenario, law_errors, scenario_of, warn_of_notes
 from ffsm_mj.assembly.process import StepInterrupts, one_blas_thread
 from ffsm_mj.assembly.run import Recording, with_run
 from ffsm_mj.controller_protocol import Command, ExternalCommand, Observation
@@ -29,6 +29,7 @@ from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.model.mujoco_process import collecting, collectors, handled_warnings, stopped_clock
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Outcome
+from ffsm_mj.scenario.overrides import Overrides, as_texts
 from ffsm_mj.simulation.loop import Simulation
 from ffsm_mj.simulation.outcome import Ended
 from ffsm_mj.state import StateError, entries, from_bytes, to_bytes
@@ -378,7 +379,7 @@ class Simulator:
     def __init__(
         self,
         scenario: Scenario | Mapping[str, Any] | str | Path,
-        overrides: Sequence[str] | Mapping[str, Any] = (),
+        overrides: Overrides = (),
         *,
         record: str | Path | bool | None = None,
         seed: int | None = None,
@@ -412,18 +413,18 @@ class Simulator:
             InputError: The scenario or a model is wrong, or the folder holds a run.
         """
         paced = () if realtime is None else (f"realtime.factor={realtime!r}",)
-        overrides = [*as_overrides(overrides), *paced]
+        overrides = [*as_texts(overrides), *paced]
         self._scenario = scenario_of(scenario, overrides, controllers=controllers, estimators=estimators)
         self._seed, self._record = seed, record
         self._rerun, self._live, self._force, self._check = rerun, live, force, check
         self._runs = 0
         self._prepared: dict[tuple[str, ...], PreparedRun] = {}
         self._run: SteppedRun | None = None
-        self._recipe(())
+        warn_of_notes(self._recipe(()))
         if isinstance(record, str | Path):
             self._folder().refuse_earlier_run()
 
-    def reset(self, seed: int | None = None, overrides: Sequence[str] | Mapping[str, Any] | None = None) -> Observation:
+    def reset(self, seed: int | None = None, overrides: Overrides | None = None) -> Observation:
         """Begin a run at the initial state of the scenario; one under way is closed as interrupted.
 
         Args:
@@ -436,9 +437,7 @@ class Simulator:
         Raises:
             InputError: The scenario does not allow an override, or the folder cannot be used.
         """
-        return self._begin(
-            tuple(as_overrides(overrides or ())), self._seed if seed is None else seed
-        ).simulation.observation()
+        return self._begin(tuple(as_texts(overrides or ())), self._seed if seed is None else seed).simulation.observation()
 
     def _begin(self, overrides: tuple[str, ...], seed: int | None, start_s: float | None = None) -> SteppedRun:
         """Begin a run in place of one under way, which goes on if the overrides or the seed are wrong."""

@@ -48,6 +48,7 @@ from ffsm_mj.experiments.status import Status, status_of, status_of_variants
 from ffsm_mj.experiments.store import RunRow, Store
 from ffsm_mj.experiments.worker import Job, Rerun, rerun
 from ffsm_mj.invocation import command, on_command_line, option
+from ffsm_mj.scenario.overrides import Overrides, by_key
 from ffsm_mj.scenario.shipped import scenario_path
 
 _NONE: Mapping[str, Any] = MappingProxyType({})
@@ -81,7 +82,7 @@ class Campaign:
         campaign: Mapping[str, Any] | str | Path,
         out: str | Path,
         *,
-        overrides: Sequence[str] = (),
+        overrides: Overrides = (),
         metrics: Metrics = _NONE,
         controllers: Mapping[str, Any] = _NONE,
         estimators: Mapping[str, Any] = _NONE,
@@ -92,7 +93,7 @@ class Campaign:
             campaign: A campaign file, the name of a shipped campaign, or the keys of one, with a scenario as
                 :func:`ffsm_mj.run` takes it; its paths are then relative to the current folder.
             out: Folder of the campaign.
-            overrides: ``key=value`` overrides of the campaign file.
+            overrides: Overrides of the campaign file; see :func:`ffsm_mj.run`.
             metrics: Metrics of the caller: functions of a run by name, or a Python file whose functions they are.
             controllers: Control laws of the caller, classes by kind.
             estimators: Estimators of the caller, likewise.
@@ -275,7 +276,7 @@ class Campaign:
             workers: Number of processes; None: that of the campaign file, else one per processor.
             dask: Address of a Dask scheduler to use instead.
             retry: Outcomes of :data:`ffsm_mj.experiments.store.RETRIED` whose runs are repeated.
-            report: Called with (number of rows, number of runs) after every batch.
+            report: Called with (number of rows, number of runs) after every batch, as :func:`ffsm_mj.progress` likes it.
 
         Returns:
             Progress of the campaign.
@@ -535,11 +536,12 @@ def sweep(
     values: Mapping[str, Sequence[Any]],
     *,
     metrics: Sequence[str] = _DEFAULT,
-    overrides: Mapping[str, Any] = _NONE,
+    overrides: Overrides = (),
     controllers: Mapping[str, Any] = _NONE,
     estimators: Mapping[str, Any] = _NONE,
     workers: int | None = None,
     out: str | Path | None = None,
+    report: Callable[[float, float], None] | None = None,
 ) -> Any:
     """Run a scenario with every combination of given values.
 
@@ -549,11 +551,12 @@ def sweep(
         scenario: See :func:`ffsm_mj.run`.
         values: Values by dotted key of the scenario.
         metrics: Metrics of each run; see docs/campaigns.md.
-        overrides: Overrides of the scenario for all runs, by dotted key.
+        overrides: Overrides of the scenario for all runs; see :func:`ffsm_mj.run`.
         controllers: Control laws of the caller, classes by kind.
         estimators: Estimators of the caller, likewise.
         workers: Number of processes; None: one per processor.
         out: Folder of the campaign, continued if it holds the same campaign; None: only the table is kept.
+        report: Called with (number of rows, number of runs) after every batch.
 
     Returns:
         A ``pyarrow.Table`` with a row per run; its method ``to_pandas`` gives a data frame.
@@ -564,7 +567,7 @@ def sweep(
     keys = {
         "campaign": "sweep",
         "scenario": str(scenario_path(scenario).resolve()) if isinstance(scenario, str | Path) else scenario,
-        "overrides": overrides,
+        "overrides": by_key(overrides),
         "samples": {"kind": "grid"},
         "dispersions": {key: {"choice": value} for key, value in values.items()},
         "metrics": list(metrics),
@@ -572,5 +575,5 @@ def sweep(
     }
     with tempfile.TemporaryDirectory(prefix="ffsm-sweep-") as temporary:
         campaign = Campaign.load(keys, out or temporary, controllers=controllers, estimators=estimators)
-        campaign.run(workers=workers)
+        campaign.run(workers=workers, report=report)
         return campaign.table()

@@ -10,7 +10,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from ffsm_mj.assembly.prepare import PreparedRun, Scenario, as_overrides, prepare, scenario_of
+from ffsm_mj.assembly.prepare import PreparedRun, Scenario, prepare, scenario_of
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.experiments.bindings import Targets, bind_dispersions, extreme_rows, override_faults, refuse_wrong_rows
 from ffsm_mj.experiments.design import EXTENDABLE, Binding, Design, refuse_levels, sample_design, scalars_of
@@ -21,6 +21,7 @@ from ffsm_mj.invocation import command, on_command_line
 from ffsm_mj.records.signals import identifier
 from ffsm_mj.scenario.faults import KindNames, plain_faults
 from ffsm_mj.scenario.loading import load_scenario, plain, stated_source
+from ffsm_mj.scenario.overrides import Overrides, as_texts
 from ffsm_mj.scenario.shipped import scenario_path
 from ffsm_mj.scenario.source import YamlSource, source_of
 from ffsm_mj.yaml import KeyPath, read_node, write_flow
@@ -111,27 +112,28 @@ class VariantsPlan:
 
 
 def load_campaign(
-    campaign: Mapping[str, Any] | str | Path, overrides: Sequence[str] = (), classes: ScriptClasses = NO_CLASSES
+    campaign: Mapping[str, Any] | str | Path, overrides: Overrides = (), classes: ScriptClasses = NO_CLASSES
 ) -> Plan | VariantsPlan:
     """Read and validate a campaign; no design is sampled, and a metrics file is not executed.
 
     Args:
         campaign: A file, the name of a shipped campaign, or the keys of one, with a scenario as :func:`ffsm_mj.run` takes;
             paths in it are then relative to the current folder.
-        overrides: ``key=value`` overrides of the campaign file.
+        overrides: Overrides of the campaign file.
         classes: Control laws, estimators and metrics of the caller; its metrics replace the file that the campaign names.
 
     Raises:
         InputError: One line per fault, with file, line and column.
     """
+    texts = as_texts(overrides)
     if not isinstance(campaign, Mapping):
         path = campaign_path(campaign)
-        return _plan(source_of(read_node(path, "campaign"), path).overridden(overrides), classes)
+        return _plan(source_of(read_node(path, "campaign"), path).overridden(texts), classes)
     scenario, stated, base = campaign.get("scenario"), dict(campaign), None
     if isinstance(scenario, Scenario | Mapping):
         base = scenario_of(scenario, controllers=classes.controllers, estimators=classes.estimators)
         stated["scenario"] = base.name
-    return _plan(stated_source(stated, "campaign").overridden(overrides), classes, base)
+    return _plan(stated_source(stated, "campaign").overridden(texts), classes, base)
 
 
 def read_campaign(file: Path) -> CampaignFile:
@@ -283,7 +285,7 @@ class _Planner:
             refuse_levels(config)
             scalars = scalars_of(config.dispersions)
             bindings = bind_dispersions(config.dispersions, Targets(prepared))
-        overrides = tuple(as_overrides(config.overrides))
+        overrides = tuple(as_texts(config.overrides))
         return Plan(config, self.source, self.classes, overrides, prepared, scalars, bindings)
 
     def _config(self, name: str, variant: VariantConfig | None) -> CampaignFile:
@@ -340,7 +342,7 @@ class _Planner:
             return False
         replaced = tuple(f"phases.{phase}.controller" for phase in variant.controllers)
         others = {key: value for key, value in variant.overrides.items() if not key.startswith(replaced)}
-        changes = as_overrides(variant.overrides_after(self.config.overrides))
+        changes = as_texts(variant.overrides_after(self.config.overrides))
         try:
             scenario = self._scenario(name, variant)
             if isinstance(scenario, Scenario):
@@ -431,7 +433,7 @@ def _description(plan: Plan, design: Design) -> list[str]:
 def _runs_that_cannot_start(plan: Plan, design: Design) -> Iterator[str]:
     """Notes on runs with the smallest and largest values that will fail at the start."""
     for run in extreme_rows(design):
-        source = plan.base.source.overridden(as_overrides(design.overrides(run)))
+        source = plan.base.source.overridden(as_texts(design.overrides(run)))
         try:
             plan.base.changed(source).assemble()
         except InputError as error:

@@ -15,7 +15,7 @@ from typing import Any
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.models import Reader
-from ffsm_mj.assembly.prepare import PreparedRun, as_overrides, recipe, uninterrupted
+from ffsm_mj.assembly.prepare import PreparedRun, recipe, uninterrupted
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.errors import FfsmError, InputError, described, raised_at
 from ffsm_mj.experiments.metrics import COUNT, Scalar, ScriptClasses, check_metrics, columns_of, metric_values
@@ -29,6 +29,7 @@ from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.replay import explain
 from ffsm_mj.replay.truncation import AnalysisLimits, usual_steps
 from ffsm_mj.scenario.loading import validated
+from ffsm_mj.scenario.overrides import as_texts
 from ffsm_mj.scenario.source import YamlSource, read_yaml
 from ffsm_mj.verification.check_result import Check
 
@@ -201,7 +202,7 @@ def prepared_run(job: Job, index: int, overrides: Mapping[str, Any]) -> Prepared
     base = _read(job.scenario, job.digest)
     seed = base.data.get("seed", 0) if isinstance(base.data, Mapping) else 0
     seeds = {} if "seed" in overrides or not isinstance(seed, int) else {"seed": seed + index}
-    source = base.overridden(as_overrides({**overrides, **seeds}))
+    source = base.overridden(as_texts({**overrides, **seeds}))
     laws, estimators = job.classes.controllers, job.classes.estimators
     config = validated(source, laws, estimators)
     return recipe(config, source, laws, _model_reader(job.scenario, job.digest), estimators=estimators)

@@ -22,6 +22,7 @@ from ffsm_mj.gym.rewards import EnvError, Transition
 from ffsm_mj.gym.setup import Bound, bind, campaign_of, env_of, resets_of, reward_of, split_env
 from ffsm_mj.records.events import Outcome
 from ffsm_mj.scenario.env_config import EnvConfig
+from ffsm_mj.scenario.overrides import Overrides
 
 
 class ScenarioEnv(gymnasium.Env[FloatArray, FloatArray]):
@@ -40,7 +41,7 @@ class ScenarioEnv(gymnasium.Env[FloatArray, FloatArray]):
         self,
         scenario: Scenario | Mapping[str, Any] | str | Path,
         env: Mapping[str, Any] | None = None,
-        overrides: Sequence[str] | Mapping[str, Any] = (),
+        overrides: Overrides = (),
         *,
         stride: int = 1,
         render_mode: str | None = None,

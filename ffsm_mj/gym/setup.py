@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from ffsm_mj.assembly.assemble import Assembly
-from ffsm_mj.assembly.prepare import PreparedRun, as_overrides
+from ffsm_mj.assembly.prepare import PreparedRun
 from ffsm_mj.errors import Fault, Faults, InputError, ScenarioFaults
 from ffsm_mj.experiments.bindings import Targets, bind_dispersions
 from ffsm_mj.experiments.design import Design
@@ -19,6 +19,7 @@ from ffsm_mj.gym.observations import Observations, Values
 from ffsm_mj.gym.rewards import NamedReward, reward_named
 from ffsm_mj.model.system import System
 from ffsm_mj.scenario.env_config import EnvConfig, RewardConfig
+from ffsm_mj.scenario.overrides import Overrides, as_texts
 from ffsm_mj.scenario.scenario import ScenarioConfig
 
 
@@ -68,17 +69,15 @@ def bind(config: EnvConfig, assembly: Assembly, overlaps: Overlaps) -> Bound:
     return Bound(assembly.system, assembly.data, actions, observations, episode, endings)
 
 
-def split_env(
-    env: Mapping[str, Any] | None, overrides: Sequence[str] | Mapping[str, Any]
-) -> tuple[Callable[..., float] | None, list[str]]:
+def split_env(env: Mapping[str, Any] | None, overrides: Overrides) -> tuple[Callable[..., float] | None, list[str]]:
     """The reward function of a script, and the overrides of a scenario with those of its section ``env``.
 
     Raises:
         InputError: A value is not one of YAML.
     """
-    texts, keys = as_overrides(overrides), dict(env or {})
+    texts, keys = as_texts(overrides), dict(env or {})
     reward = keys.pop("reward") if callable(keys.get("reward")) else None
-    return reward, [*texts, *as_overrides({f"env.{key}": value for key, value in keys.items()})]
+    return reward, [*texts, *as_texts({f"env.{key}": value for key, value in keys.items()})]
 
 
 def env_of(prepared: PreparedRun) -> EnvConfig:

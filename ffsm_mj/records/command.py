@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from ffsm_mj.arrays import BoolArray, FloatArray
+from ffsm_mj.errors import full_name
 from ffsm_mj.state import Stateful
+
+Actuators: TypeAlias = str | Sequence[str | int] | npt.NDArray[np.intp] | slice
+"""Actuators by name, with or without the prefix of a model, by MuJoCo id, or a slice of the ids."""
 
 
 @dataclass(frozen=True)
@@ -21,6 +27,7 @@ class Command(Stateful):
         setpoints: True where ``effort`` is a setpoint; a servo takes no effort, (nu,).
         requests: Names of what contact models are asked to do now; each says which it hears.
         others: Efforts that other parts of the phase have already commanded at this call, to be read only, (nu,).
+        names: Full names of the actuators, (nu,); without them only ids can be commanded.
     """
 
     @dataclass
@@ -35,12 +42,15 @@ class Command(Stateful):
     setpoints: npt.NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
     requests: set[str] = field(default_factory=set)
     others: FloatArray = field(default_factory=lambda: np.zeros(0))
+    names: tuple[str, ...] = ()
+    _ids: dict[str, int] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @classmethod
-    def off(cls, count: int) -> Command:
-        """Everything unpowered."""
+    def off(cls, actuators: int | Sequence[str]) -> Command:
+        """Everything unpowered, of a number of actuators or of the actuators of these names."""
+        count, names = (actuators, ()) if isinstance(actuators, int) else (len(actuators), tuple(actuators))
         powered, setpoints = np.zeros((2, count), dtype=np.bool_)
-        return cls(np.zeros(count), powered, setpoints, others=np.zeros(count))
+        return cls(np.zeros(count), powered, setpoints, others=np.zeros(count), names=names)
 
     def clear(self) -> None:
         """Switch everything off."""
@@ -49,15 +59,37 @@ class Command(Stateful):
         self.setpoints.fill(False)
         self.requests.clear()
 
-    def drive(self, actuators: npt.NDArray[np.intp] | slice, effort: FloatArray) -> None:
-        """Power some motors, by their ids or a slice of them, with the given efforts."""
-        self.effort[actuators] = effort
-        self.powered[actuators] = True
+    def drive(self, actuators: Actuators, effort: FloatArray | float) -> None:
+        """Power some motors with the given efforts: ``drive("motor_2", 1.0)``.
 
-    def set(self, servos: npt.NDArray[np.intp] | slice, setpoints: FloatArray) -> None:
-        """Give some servos, by their ids or a slice of them, the given setpoints."""
+        Raises:
+            LookupError: No actuator has the name, or more than one; the message lists the names.
+        """
+        ids = self._indices(actuators)
+        self.effort[ids] = effort
+        self.powered[ids] = True
+
+    def set(self, servos: Actuators, setpoints: FloatArray | float) -> None:
+        """Give some servos the given setpoints.
+
+        Raises:
+            LookupError: See :meth:`drive`.
+        """
         self.drive(servos, setpoints)
-        self.setpoints[servos] = True
+        self.setpoints[self._indices(servos)] = True
+
+    def _indices(self, actuators: Actuators) -> Any:
+        """What selects some actuators in an array."""
+        if isinstance(actuators, str):
+            return self._id(actuators)
+        if isinstance(actuators, list | tuple):
+            return [self._id(one) if isinstance(one, str) else one for one in actuators]
+        return actuators
+
+    def _id(self, name: str) -> int:
+        if name not in self._ids:  # a law names the same actuators at every call
+            self._ids[name] = self.names.index(full_name("actuator", name, self.names))
+        return self._ids[name]
 
 
 @dataclass(frozen=True)

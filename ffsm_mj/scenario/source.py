@@ -236,14 +236,8 @@ def _sets_kind(text: str) -> bool:
 
 
 def _apply(source: YamlSource, override_text: str) -> None:
-    key, equals, text = override_text.partition("=")
-    if not equals or not key.strip():
-        raise _refused(override_text, "an override is written key=value, e.g. task.target_m='[3, 0]'")
-    try:
-        value = plain_value(text)
-    except YamlFault as fault:
-        raise _refused(override_text, f"in the value: {fault.problem}") from fault
-    parts = key.strip().split(".")
+    key, value = key_and_value(override_text)
+    parts = key.split(".")
     if len(parts) > MAX_DEPTH:
         raise _refused(override_text, f"the key has {len(parts)} parts; a scenario is at most {MAX_DEPTH} deep")
     path: tuple[str | int, ...] = ()
@@ -265,6 +259,21 @@ def _apply(source: YamlSource, override_text: str) -> None:
             below = copy(node.get(part, {}) if isinstance(node, dict) else node[part])
             node[part], node = below, below
     source._overrides[path] = override_text
+
+
+def key_and_value(text: str) -> tuple[str, Any]:
+    """Dotted key and value of an override.
+
+    Raises:
+        InputError: The text is not ``key=yaml``.
+    """
+    key, equals, value = text.partition("=")
+    if not equals or not key.strip():
+        raise _refused(text, "an override is written key=value, e.g. task.target_m='[3, 0]'")
+    try:
+        return key.strip(), plain_value(value)
+    except YamlFault as fault:
+        raise _refused(text, f"in the value: {fault.problem}") from fault
 
 
 def _refused(text: str, message: str) -> InputError:

@@ -11,8 +11,8 @@ import numpy as np
 
 from ffsm_mj.contact_models.grasp.records import KINDS
 from ffsm_mj.contact_models.interface import EventEffect
-from ffsm_mj.controller_protocol import Command, LawInCore, Observation
-from ffsm_mj.errors import ControllerError, described, raised_at, unknown_name
+from ffsm_mj.controller_protocol import Command, Controller, LawInCore, Observation
+from ffsm_mj.errors import ControllerError, described, raised_at, unknown_name, written_at
 from ffsm_mj.model.driven_joints import needs_motors
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.command import ExternalCommand
@@ -37,6 +37,10 @@ class TaskController(Protocol):
     @property
     def in_charge(self) -> str:
         """Who decides now, for a person: phase and kind of controller."""
+
+    @property
+    def law(self) -> Controller:
+        """The control law in charge."""
 
     def control(self, observation: Observation, command: Command) -> None:
         """Like :meth:`~ffsm_mj.controller_protocol.Controller.control`."""
@@ -121,7 +125,7 @@ class Evaluation:
     def __init__(self, plant: Plant, controller: TaskController) -> None:
         """Bind controller and plant."""
         self._plant, self._controller = plant, controller
-        self.command = Command.off(int(plant.system.mj.nu))
+        self.command = Command.off(plant.system.names("actuator"))
         if plant.control is None:
             plant.actuation.bind(self.command, plant.data)
         self._servos = plant.actuation.servos if plant.actuation.servos.any() else None
@@ -197,7 +201,8 @@ class Evaluation:
         except RunEnded:  # the contacts that the controller reads cannot be computed
             raise
         except Exception as error:
-            reason = str(error) if isinstance(error, ControllerError) else described(error) + raised_at(error)
+            by_us = isinstance(error, ControllerError)  # who refuses a command does not know where it was written
+            reason = str(error) + written_at(self._controller.law.control) if by_us else described(error) + raised_at(error)
             message = f"{self._controller.in_charge} at t = {observation.time_s:.6g} s: {reason}"
             raise RunEnded(Outcome.CONTROLLER_FAILED, message) from error
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import re
+import warnings
 from pathlib import Path
 from typing import Literal
 
@@ -15,6 +16,7 @@ from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.controller_protocol import Signal, StrictModel
 from ffsm_mj.errors import InputError
+from ffsm_mj.experiments.impact_map.reach import target_of
 
 
 class Damp:
@@ -172,6 +174,62 @@ def test_a_law_of_a_script_that_fails_ends_the_run_with_its_line(tmp_path):
     assert run.outcome == "controller_failed"
     assert "mine" in run.message
     assert "nothing to divide by" in run.message
+
+
+def test_a_law_commands_actuators_by_name():
+    """With the prefix of the model or without, one or several: the same rows as by ids."""
+
+    class Named(Damp):
+        def control(self, observation, command):
+            self.torque = -self.gain * observation.data.qvel[4]
+            command.drive("motor_2", self.torque)
+
+    class Several(Damp):
+        def control(self, observation, command):
+            self.torque = -self.gain * observation.data.qvel[4]
+            command.drive(["robot/motor_2"], np.array([self.torque]))
+
+    rows = [
+        ffsm_mj.run("coasting", settle(kind="mine"), controllers={"mine": law}).log.rows.tobytes()
+        for law in (Damp, Named, Several)
+    ]
+    assert rows[0] == rows[1] == rows[2]
+
+
+def test_what_a_law_commands_wrongly_is_told_with_its_file_and_line():
+    """A name that no actuator has, at the line that drives it; an effort that is not finite, at the method that gave it."""
+
+    class Unknown(Damp):
+        def control(self, observation, command):
+            command.drive("motr_2", 1.0)
+
+    class NotFinite(Damp):
+        def control(self, observation, command):
+            command.drive("motor_2", np.nan)
+
+    for law, words, above in (
+        (Unknown, r"unknown actuator 'motr_2' \(did you mean 'robot/motor_2'\?\)", 1),
+        (NotFinite, "non-finite", 0),
+    ):
+        run = ffsm_mj.run("coasting", settle(kind="mine"), controllers={"mine": law}, check=False)
+        line = law.control.__code__.co_firstlineno + above
+        assert re.search(rf"{words}.* \({Path(__file__).name}:{line}\)$", run.message)
+
+
+@pytest.mark.filterwarnings("default::ffsm_mj.errors.ScenarioNote")
+def test_notes_of_a_scenario_are_warnings_at_the_line_that_runs_it():
+    """Of a run and of a simulator; none where the package itself runs the scenario."""
+    notes = ffsm_mj.Scenario.load("coasting").check()
+    short = {"duration_s": 0.01}
+    with pytest.warns(ffsm_mj.ScenarioNote) as told:
+        ffsm_mj.run("coasting", short)
+    assert [str(one.message) for one in told] == [f"coasting: {note}" for note in notes]
+    assert {Path(one.filename).name for one in told} == {Path(__file__).name}
+    with pytest.warns(ffsm_mj.ScenarioNote, match="coasting: "):
+        ffsm_mj.Simulator("coasting", short)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        target_of("baseline", {"duration_s": 9.0})
 
 
 @pytest.mark.parametrize("method", ["__init__", "start", "control", "telemetry", "summary"])

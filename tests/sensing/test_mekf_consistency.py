@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 from scipy.stats import chi2
@@ -21,15 +22,15 @@ def system(tmp_path_factory):
     return satellites(tmp_path_factory.mktemp("satellites"))
 
 
-def seeded(system, seeds, ticks, noise_factor=1.0, bias=False, **camera):
+def seeded(system, seeds, ticks, noise_factor=1.0, bias=False, without=(), **camera):
     """Mean NEES of each body after the last tick, and the sum of all NIS with its degrees of freedom.
 
-    The initial error, the pushes, the noise and the bias of the gyro are drawn anew for each seed; ``noise_factor`` is the
-    ratio of the noise of all sensors to that which the filter believes.
+    There are all sensors but those ``without``. The initial error, the pushes, the noise and the bias of the gyro are drawn
+    anew for each seed; ``noise_factor`` is the ratio of the noise of all sensors to that which the filter believes.
     """
     nees, nis, dof = [], 0.0, 0.0
     for seed in seeds:
-        believed = sensors_in(system, **camera)
+        believed = {name: sensor for name, sensor in sensors_in(system, **camera).items() if name not in without}
         real = {name: replace(sensor, noise=noise_factor * sensor.noise) for name, sensor in believed.items()}
         if bias:
             real["robot/gyro"].bias[:] = BIAS_RAD_S * np.random.default_rng((seed, 1)).standard_normal(3)
@@ -62,6 +63,34 @@ def test_a_wrong_noise_is_outside(system):
     nees, nis, dof = seeded(system, range(2), 30, noise_factor=2.0, delay_s=0.1)
     assert (nees > bounds(12, 2)[1]).all()
     assert nis > 2.0 * bounds(dof)[1]
+
+
+WORLD = ("robot/place", "robot/stars", "robot/gyro")
+
+
+def test_with_a_camera_alone_the_relative_pose_is_known_and_where_both_are_is_not(system):
+    """NEES and NIS as with all sensors; what the camera sees is known to millimetres, the common place stays at 5 cm.
+
+    No relative sample tells the mean of two independent errors of 5 cm, whose standard deviation is 5 cm / sqrt(2).
+    """
+    nees, nis, dof = seeded(system, range(8), 30, without=WORLD, delay_s=0.1)
+    low, high = bounds(12, 8)
+    assert ((low < nees) & (nees < high)).all()
+    low, high = bounds(dof)
+    assert low < nis < high
+    made = filter_of(system, {name: sensor for name, sensor in sensors_in(system).items() if name not in WORLD})
+    drive = Drive(system, sensors_in(system), made, 0)
+    drive.run(30)
+    assert np.sqrt(np.diag(made.covariance("robot"))[:3].min()) > 0.05 / 2**0.5
+    truth, estimate = drive.truth.data, drive.estimate
+    for data in (truth, estimate):
+        mujoco.mj_kinematics(system.mj, data)
+    true, seen = (
+        data.site("robot/eye").xmat.reshape(3, 3).T @ (data.body("b/b").xpos - data.site("robot/eye").xpos)
+        for data in (truth, estimate)
+    )
+    assert np.abs(true - seen).max() < 0.01  # noise of 5 mm a sample, 30 of them: 1 mm, and what 0.01 rad do at 2 m
+    assert np.abs(drive.error()[:, :3]).max() > 0.02  # which the initial error of the place still is
 
 
 def told(case, nees, nis, dof):

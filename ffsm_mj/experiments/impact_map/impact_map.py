@@ -21,6 +21,7 @@ from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.experiments.impact_map.evaluation import OBJECTIVES, Configuration, Evaluation, Origin, initial_block, table_of
 from ffsm_mj.experiments.impact_map.reach import REACHED, ArrivalRates, Hold, SelfMotion, Target, Vector, moved, target_of
 from ffsm_mj.records.signals import identifier
+from ffsm_mj.scenario.overrides import Overrides
 from ffsm_mj.tolerances import CONTACT_GAP_M
 
 _FAR_M = 10.0
@@ -241,7 +242,7 @@ class ImpactMap:
 
 def impact_map(
     scenario: str | Path,
-    overrides: Sequence[str] | Mapping[str, Any] = (),
+    overrides: Overrides = (),
     *,
     impact: int = 1,
     point: Vector | None = None,

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -25,6 +24,7 @@ from ffsm_mj.report.output_place import new_file, usable_folder
 from ffsm_mj.report.plots.silhouette import Plane, Silhouette
 from ffsm_mj.report.plots.style import BLACK, VERMILION, WIDTH_IN, plain, publication, write
 from ffsm_mj.report.terminal import table
+from ffsm_mj.scenario.overrides import Overrides
 from ffsm_mj.scenario.shipped import scenario_names, scenario_path
 from ffsm_mj.scenario.source import read_yaml
 from ffsm_mj.yaml import write_yaml
@@ -220,7 +220,7 @@ def best_scenario(mapped: ImpactMap, scenario: str | Path, folder: Path) -> str:
     return write_yaml(data)
 
 
-def jump_error(mapped: ImpactMap, path: Path, overrides: Sequence[str] | Mapping[str, Any] = ()) -> float:
+def jump_error(mapped: ImpactMap, path: Path, overrides: Overrides = ()) -> float:
     """Largest difference between the jump of velocities in a run of the best configuration and in the map, rad/s or m/s.
 
     Raises:

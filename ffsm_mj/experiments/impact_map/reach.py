@@ -28,6 +28,7 @@ from ffsm_mj.errors import InputError
 from ffsm_mj.impact import Contact
 from ffsm_mj.model.system import Joint, System
 from ffsm_mj.records.events import ImpactRecord
+from ffsm_mj.scenario.overrides import Overrides
 
 Vector = Sequence[float]
 
@@ -114,7 +115,7 @@ class Target:
 
 def target_of(
     scenario: str | Path,
-    overrides: Sequence[str] | Mapping[str, Any] = (),
+    overrides: Overrides = (),
     impact: int = 1,
     report: Callable[[float, float], None] | None = None,
 ) -> tuple[Target, dict[str, str]]:

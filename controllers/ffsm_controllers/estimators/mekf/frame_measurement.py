@@ -158,18 +158,16 @@ _NEEDED = {("framepos",): "position", _ATTITUDES: "attitude"}
 
 
 def missing_measurements(bodies: Sequence[FloatingBody], measurements: Iterable[FrameMeasurement]) -> list[Fault]:
-    """Bodies whose position or attitude is measured neither relative to the world nor to a body of which it is."""
+    """Bodies of which no sensor measures a position, or an attitude, relative to anything.
+
+    Bodies that are measured relative to each other alone keep the initial uncertainty of where they all are.
+    """
     measured, faults = list(measurements), []
     for kinds, what in _NEEDED.items():
-        links = [
-            {_name(measurement.body), _name(measurement.other)} for measurement in measured if measurement.kind in kinds
-        ]
-        known = {""}
-        while grown := [link for link in links if link & known and not link <= known]:
-            known = known.union(*grown)
+        known = {_name(body) for one in measured if one.kind in kinds for body in (one.body, one.other)}
         for body in bodies:
             if body.name not in known:
-                needed = f"a filter needs a <{kinds[0]}> of it relative to the world, or to a body whose {what} is measured"
+                needed = f"a filter needs a <{kinds[0]}> of it, relative to the world or to another body"
                 faults.append(Fault(f"no sensor measures the {what} of {body.name!r}: {needed}", ("kind",)))
     return faults
 
