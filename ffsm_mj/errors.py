@@ -13,6 +13,8 @@ from ffsm_mj.installation import add_extra, build_again
 from ffsm_mj.similar_names import did_you_mean, most_similar_first
 
 _LONGEST_TEXT = 300
+_LONGEST_LIST = 20
+"""Names that a message lists whole, such as the kinds of control laws; of more it lists the most similar ones."""
 _MOST_NAMES = 10
 _PACKAGE = Path(__file__).parent
 _LIBRARIES = tuple(map(Path, (get_path("stdlib"), get_path("purelib"), get_path("platlib"))))
@@ -255,7 +257,7 @@ def unknown_name(kind: str, name: str, valid: Iterable[str]) -> str:
 
 def _listed(name: str, valid: Collection[str]) -> str:
     """Names by alphabet, or the most similar ones to a name first and the number of all others."""
-    if len(valid) <= _MOST_NAMES:
+    if len(valid) <= _LONGEST_LIST:
         return ", ".join(sorted(valid, key=str.lower))
     return f"{', '.join(most_similar_first(name, valid)[:_MOST_NAMES])} and {len(valid) - _MOST_NAMES} more"
 

@@ -141,7 +141,7 @@ def test_models_lie_beside_the_file_that_states_them(folder):
     [
         ("nowhere.yaml", "extends: no such scenario file: {folder}/nowhere.yaml"),
         ("./parent", "extends: no such scenario file: {folder}/parent"),
-        ("basline", "extends: unknown shipped scenario 'basline' (did you mean 'baseline'?); allowed: air-bearing, "),
+        ("basline", "extends: unknown shipped scenario 'basline' (did you mean 'baseline'?); allowed: baseline, "),
         ("3", "extends: should be a scenario file, relative to this one, or the name of a shipped scenario"),
         ("child.yaml", "extends: is circular: child.yaml -> child.yaml"),
     ],

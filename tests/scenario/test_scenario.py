@@ -38,7 +38,7 @@ def faults(*overrides, path=BASELINE):
 @pytest.mark.parametrize(
     ("override", "expected"),
     [
-        ("foo=1", "foo: unknown key; allowed: accuracy, actuation, actuators"),
+        ("foo=1", "foo: unknown key; allowed: robot, log, model, "),
         ("phases.0.controller.zz=1", "unknown key; allowed: joints, kind, null_space_damping, parameterization, Q, R"),
         ("actuators.motor_1.kk=1", "unknown key; allowed: delay_s, kind, no_load_speed_rad_s, stall_torque_N_m"),
         ("duration_s='3'", 'duration_s: should be a valid number, got "3"'),
