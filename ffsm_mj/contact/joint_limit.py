@@ -160,6 +160,10 @@ class JointLimit:
         """The same as :meth:`gap`."""
         return self.gap(model, data, limit)
 
+    def watched_proximity(self, model: Any, data: Any) -> Proximity:
+        """The same as :meth:`proximity`."""
+        return self.proximity(model, data)
+
     def at_velocities(self, data: Any, near: Proximity) -> Proximity:
         """The proximity with the gap rate of the velocities in ``data``, after these changed at one instant."""
         rate = self.rate(data)

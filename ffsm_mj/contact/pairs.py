@@ -246,6 +246,10 @@ class ContactPair(Stateful):
         """The gap of what event location has to follow: all of it; see :meth:`gap`."""
         return self.gap(model, data, limit)
 
+    def watched_proximity(self, model: Any, data: Any) -> Proximity:
+        """The proximity of what event location has to follow: all of it; see :meth:`proximity`."""
+        return self.proximity(model, data)
+
     def apart_within(self, model: Any, data: Any, reach: float) -> Iterable[ContactPair]:  # noqa: ARG002
         """What event location follows of it, given how near it may have come in m: all of it."""
         return (self,)
@@ -260,8 +264,8 @@ class ContactPair(Stateful):
     def hold(self, features: Sequence[Any]) -> None:
         """Note the contact points that persistent contact holds; see :class:`~ffsm_mj.contact.union_pair.UnionPair`."""
 
-    def join(self, model: Any, data: Any) -> None:
-        """Watch by contact points what touches in patches that are held at the state in ``data``, from here on."""
+    def join(self, model: Any, data: Any, ahead_s: float) -> None:
+        """Watch by contact points what touches in patches that are held at the state in ``data``, for a time ahead."""
 
     def joining(self) -> Any:
         """What :meth:`join` has found, as a state; None: nothing."""

@@ -22,6 +22,7 @@ from ffsm_mj.contact.shape import Part, Shape
 from ffsm_mj.contact.solid.rods import Ends, Rod, covered_ends
 from ffsm_mj.contact.solid.solid import Solid
 from ffsm_mj.contact.solid.tree import BoxTree
+from ffsm_mj.contact.solid.welding import Plane
 from ffsm_mj.model.system import System
 from ffsm_mj.polytope import Polytope, box, hull_of
 from ffsm_mj.tolerances import FEATURE_BOUND_M, MERGED_M, MESH_PRECISION
@@ -160,6 +161,29 @@ class Side:
     def at(self, point: FloatArray, reach: float) -> list[Piece]:
         """Pieces whose boxes are within a reach of a point, axes of the body, m."""
         return [self.pieces[k] for k in self.tree.near(point, point, reach).tolist()]
+
+    @cached_property
+    def _sharing(self) -> dict[Plane, list[int]]:
+        """Numbers of the pieces with a face in each plane, looking to the same side."""
+        sharing: dict[Plane, list[int]] = {}
+        for number, planes in enumerate(self.solid.planes if self.solid is not None else ()):
+            for plane in planes:
+                sharing.setdefault(plane, []).append(number)
+        return sharing
+
+    def on_planes_of(self, piece: Piece, point: FloatArray, reach: float) -> list[int]:
+        """Numbers of the pieces with a face in a plane of a piece that passes a point, axes of the body, and its own.
+
+        Args:
+            piece: The piece.
+            point: The point, m, (3,).
+            reach: A plane passes the point within this, m.
+        """
+        if self.solid is None or piece.polytope is None:
+            return [piece.number]
+        heights = np.abs(piece.polytope.normals @ point - piece.polytope.offsets)
+        planes = (self.solid.planes[piece.number][k] for k in np.flatnonzero(heights <= reach).tolist())
+        return sorted({piece.number, *(number for plane in planes for number in self._sharing[plane])})
 
     def is_covered(self, piece: Piece, normal: FloatArray) -> bool:
         """Whether an outward normal, axes of the body, is that of an end which another cylinder or capsule continues."""

@@ -38,6 +38,8 @@ from ffsm_mj.tolerances import CLOSED_RATE, CONTACT_GAP_M, DISTANCE_QUERY_M, DRI
 
 _QUERY_M = 1e-3
 """Limit of queries that look for pieces in contact: a small limit ends a query early."""
+_MARGIN = 2.0
+"""Pieces that may come near in a step are those that twice its motion at the start would bring there."""
 _TURNED = 1e-4
 """Normals of a contact point that is held and of the patch that is found there differ by less: in a corner by much more."""
 _SPHERE, _CAPSULE = int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_CAPSULE)
@@ -71,11 +73,12 @@ class PiecePair(ContactPair):
     Attributes:
         union: The pair of unions.
         pieces: Pieces of a and b.
+        number: Its place among all pairs of pieces.
     """
 
     def __init__(self, system: System, union: UnionPair, a: Piece, b: Piece) -> None:
         """Resolve two pieces; see :class:`ContactPair`."""
-        self.union, self.pieces = union, (a, b)
+        self.union, self.pieces, self.number = union, (a, b), union.number_of(a, b)
         self.parts = a.part, b.part
         super().__init__(system, union.name, a.geom, b.geom, union.restitution, union.mu, rule=union.rule)
         self.position_tolerance, self.may_tie = 0.0, False
@@ -101,6 +104,13 @@ class PiecePair(ContactPair):
         """Gap, normal, points and rates: those of the unions where both pieces touch."""
         alone = self.alone(model, data)
         return self.union.at_pieces(model, data, self, alone) if abs(alone.gap) <= CONTACT_GAP_M else alone
+
+    def watched_proximity(self, model: Any, data: Any) -> Proximity:
+        """The same without what contact points watch; see :attr:`UnionPair.level`."""
+        alone = self.alone(model, data)
+        if abs(alone.gap) > CONTACT_GAP_M:
+            return alone
+        return self.union.at_pieces(model, data, self, alone, without_closed=self.number in self.union.level)
 
     def alone(self, model: Any, data: Any) -> Proximity:
         """Gap, normal, points and rates of these two pieces as if there were no others."""
@@ -144,6 +154,9 @@ class UnionPair(ContactPair):
         of_rule: Numbers of the pieces of each that the rule names.
         joined: Pairs of pieces that touch at the start of a step while persistent contact holds the pair: these are
             watched by their contact points, all others by their distance.
+        level: Pairs of pieces that go on in a plane of those and may come near in the step: they are watched in both ways.
+            Where they land in the plane of a contact that is held, contact points find it, as between two whole bodies. A
+            distance would be off by the drift of the held points, times how much nearer to them a seam is.
     """
 
     has_pieces = True
@@ -183,6 +196,7 @@ class UnionPair(ContactPair):
         a, b = sides
         self._radii = a.radius_about(first[0]), b.radius_about(first[1])
         self.joined: frozenset[int] = frozenset()
+        self.level: frozenset[int] = frozenset()
         self._near, self._last, self._last_watched = NearPieces(sides), -1, -1
         self._closed: tuple[Feature, ...] = ()
         self._face: Feature | None = None
@@ -314,13 +328,13 @@ class UnionPair(ContactPair):
         return [self.piece_pair(k) for _, k in self.within(model, data, reach, self._apart)]
 
     def joined_pairs(self) -> list[PiecePair]:
-        """Pairs of pieces that are joined."""
-        return [self.piece_pair(k) for k in sorted(self.joined)]
+        """Pairs of pieces that are joined or level."""
+        return [self.piece_pair(k) for k in sorted(self.joined | self.level)]
 
     def hold(self, features: Sequence[Feature]) -> None:
         """Note the contact points that persistent contact holds: what is joined follows from them at the next step."""
         if self._closed != (closed := tuple(features)):
-            self._closed, self.joined = closed, frozenset()
+            self._closed, self.joined, self.level = closed, frozenset(), frozenset()
             self._watch(None)
             self.on_left()
 
@@ -337,21 +351,24 @@ class UnionPair(ContactPair):
         self._apart.flat[joined] = False
         self.is_beside = parted is None or not by_plane.flat[joined].all()
 
-    def joining(self) -> tuple[list[int], tuple[BoolArray, BoolArray] | None]:
-        """Numbers of the joined pairs, and which pieces of a and of b the plane of the face parts; None: it is not known."""
-        return sorted(self.joined), self._parted
+    def joining(self) -> tuple[list[int], list[int], tuple[BoolArray, BoolArray] | None]:
+        """Numbers of the joined and of the level pairs, and which pieces of a and b the face parts; None: it is not known."""
+        return sorted(self.joined), sorted(self.level), self._parted
 
     def set_joining(self, state: Any) -> None:
         """Take back what :meth:`joining` gave, with the same points held."""
         # Found anew it may be other pieces: one that has lifted by less than a query sees stays joined, and drifts.
-        joined, parted = state
-        self.joined = frozenset(map(self._checked, joined))
+        joined, level, parted = state
+        self.joined, self.level = (frozenset(map(self._checked, numbers)) for numbers in (joined, level))
         sides = zip(parted, self.sides, strict=True) if parted is not None else ()
         both = [fitting(which, (len(side.pieces),), f"{self.name}, pieces by the plane") for which, side in sides]
         self._watch((both[0], both[1]) if both else None)
 
-    def join(self, model: Any, data: Any) -> None:
-        """Take the pairs of pieces that touch in patches that are held at the state in ``data`` as joined."""
+    def join(self, model: Any, data: Any, ahead_s: float) -> None:
+        """Take the pairs of pieces that touch in patches that are held at the state in ``data`` as joined.
+
+        Those that go on in their planes and may come near within the time ahead are level.
+        """
         near = [k for gap, k in self.within(model, data, 2.0 * DISTANCE_QUERY_M) if gap <= DISTANCE_QUERY_M]
         joined = frozenset(k for k in near if k in self.joined or self._goes_on(self.piece_pair(k), model, data))
         parted = self._parted
@@ -363,6 +380,26 @@ class UnionPair(ContactPair):
             self._watch(parted)
         if self._apart.flat[list(left)].any():
             self.on_left()
+        self.level = self._level(model, data, ahead_s) if joined else frozenset()
+
+    def _level(self, model: Any, data: Any, ahead_s: float) -> frozenset[int]:
+        """Numbers of the pairs of pieces that are level; see :attr:`level`."""
+        among, reach = np.zeros_like(self._allowed), 0.0
+        for feature in self._closed:
+            point = np.asarray(feature.at(data).point)
+            for number in self.joined:
+                on_planes = [
+                    side.on_planes_of(piece, (point - data.xpos[side.body]) @ data.xmat[side.body].reshape(3, 3), AT_POINT_M)
+                    for side, piece in zip(self.sides, self.piece_pair(number).pieces, strict=True)
+                ]
+                among[np.ix_(*on_planes)] = True
+            # No point of the smaller body is farther from there than its diameter.
+            spin = np.linalg.norm(data.cvel[self.body_b][:3] - data.cvel[self.body_a][:3])
+            reach = max(reach, float(np.linalg.norm(self._moves(data, point)) + 2.0 * min(self._radii) * spin) * ahead_s)
+        among &= self._apart
+        if not among.any():
+            return frozenset()
+        return frozenset(k for _, k in self.within(model, data, _MARGIN * reach + DISTANCE_QUERY_M, among))
 
     def _goes_on(self, pair: PiecePair, model: Any, data: Any) -> bool:
         """Whether the contact of two pieces is in a patch that is held."""
@@ -405,12 +442,24 @@ class UnionPair(ContactPair):
         pairs = [self.piece_pair(k) for gap, k in near if gap <= DISTANCE_QUERY_M]
         return [(pair, pair.alone(model, data)) for pair in pairs]
 
-    def at_pieces(self, model: Any, data: Any, pair: PiecePair, alone: Proximity) -> Proximity:
-        """Proximity of two pieces that touch, with the normals of the unions: the patch that approaches fastest."""
+    def at_pieces(
+        self, model: Any, data: Any, pair: PiecePair, alone: Proximity, *, without_closed: bool = False
+    ) -> Proximity:
+        """Proximity of two pieces that touch, with the normals of the unions: the patch that approaches fastest.
+
+        Args:
+            model: MuJoCo model.
+            data: Its data, kinematics and velocities current.
+            pair: The two pieces.
+            alone: Their proximity as if there were no others.
+            without_closed: Leave out patches in which contact is held.
+        """
         # Gaps of a patch that is held drift by the truncation error of a step: that is no approach.
         patches = [
-            replace(near, rate_tolerance=near.rate_tolerance * (CLOSED_RATE / RATE if self._is_closed(near, data) else 1.0))
+            replace(near, rate_tolerance=near.rate_tolerance * (CLOSED_RATE / RATE if is_closed else 1.0))
             for near in self._patches(model, data, [(pair, alone)])
+            for is_closed in (self._is_closed(near, data),)
+            if not (is_closed and without_closed)
         ]
         # A point at which pieces of another rule decide is no contact here.
         return min(

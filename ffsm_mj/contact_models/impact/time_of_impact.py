@@ -419,13 +419,13 @@ class Detector(EventSource, Replayable):
     def _proximity(self, pair: UnilateralConstraint, time: float | None) -> Proximity:
         """Proximity of a pair at the state in ``data``; evaluated once per time since the start of the step, if given."""
         if time is None:
-            return pair.proximity(self._model, self._data)
+            return pair.watched_proximity(self._model, self._data)
         if (pair, time) not in self._evaluated:
             if len(self._evaluated) >= _MAX_EVALUATIONS:
                 raise UnsupportedContactError(
                     f"the gap of {pair} changes too often within a step to be followed; use a shorter time_step_s"
                 )
-            self._evaluated[pair, time] = pair.proximity(self._model, self._data)
+            self._evaluated[pair, time] = pair.watched_proximity(self._model, self._data)
         return self._evaluated[pair, time]
 
     def _sample(self, time: float) -> _Sample:
