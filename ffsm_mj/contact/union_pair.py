@@ -352,7 +352,7 @@ class UnionPair(ContactPair):
         self.is_beside = parted is None or not by_plane.flat[joined].all()
 
     def joining(self) -> tuple[list[int], list[int], tuple[BoolArray, BoolArray] | None]:
-        """Numbers of the joined and of the level pairs, and which pieces of a and b the face parts; None: it is not known."""
+        """Numbers of joined and of level pairs, and which pieces of a and b the face parts; None: it is not known."""
         return sorted(self.joined), sorted(self.level), self._parted
 
     def set_joining(self, state: Any) -> None:
