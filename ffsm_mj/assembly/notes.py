@@ -353,6 +353,7 @@ def initial_scene(assembly: Assembly, lines: list[str]) -> InitialScene:
         pairs=pairs,
         ignored=assembly.known_pairs - resolved,
         lines=lines,
+        view=assembly.scenario.view,
     )
 
 

@@ -98,10 +98,10 @@ class Recording:
         self._memory, self._digest = MemorySink(keep_rows=folder is None, columns=columns), Digest()
         sinks: list[Sink] = [self._memory, self._digest, self._effort]
         if folder is not None:
-            rate_hz = config.log.view_rate_hz
-            sinks += file_sinks(folder, self._header, system, with_rerun=with_rerun, view_rate_hz=rate_hz)
+            rate_hz, view = config.log.view_rate_hz, config.view
+            sinks += file_sinks(folder, self._header, system, with_rerun=with_rerun, view_rate_hz=rate_hz, view=view)
         if live is not None:
-            sinks.append(LiveSink(live, system, config.log.view_rate_hz))
+            sinks.append(LiveSink(live, system, config.log.view_rate_hz, config.view))
         self._stack, self._paced = ExitStack(), assembly.clock is not None
         if assembly.clock is not None:
             sinks = [BackgroundSink(sinks, assembly.clock.idle)]
@@ -298,7 +298,15 @@ def with_run(error: Exception, ended: Ended | None, folder: RunFolder | None) ->
     return error
 
 
-def file_sinks(folder: RunFolder, header: RunHeader, system: System, *, with_rerun: bool, view_rate_hz: float) -> list[Sink]:
+def file_sinks(
+    folder: RunFolder,
+    header: RunHeader,
+    system: System,
+    *,
+    with_rerun: bool,
+    view_rate_hz: float,
+    view: Sequence[float] | None = None,
+) -> list[Sink]:
     """Sinks that write a run into a folder: its log (opening it creates the folder) and optionally its recording."""
     sinks: list[Sink] = [McapSink(lambda opening: folder.take(opening, header), system, view_rate_hz)]
     if with_rerun:
@@ -306,5 +314,5 @@ def file_sinks(folder: RunFolder, header: RunHeader, system: System, *, with_rer
         with rust_log("error"):
             from ffsm_mj.log.rerun.sink import RerunSink  # importing it takes a second
 
-        sinks.append(RerunSink(lambda: folder.path / RECORDING, system, view_rate_hz))
+        sinks.append(RerunSink(lambda: folder.path / RECORDING, system, view_rate_hz, view))
     return sinks

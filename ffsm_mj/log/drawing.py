@@ -424,6 +424,7 @@ class InitialScene:
         pairs: Pairs of geoms whose contacts are resolved.
         ignored: Geom ids of ignored pairs.
         lines: Text shown beside the scene.
+        view: Direction towards the camera; None: the one that shows most.
     """
 
     name: str
@@ -435,3 +436,4 @@ class InitialScene:
     pairs: Sequence[CheckedPair]
     ignored: frozenset[frozenset[int]]
     lines: Sequence[str]
+    view: Sequence[float] | None = None

@@ -81,6 +81,7 @@ class LoggedScenario(_Part):
     time_step_s: PositiveFloat
     conservative: bool
     log: _Log
+    view: tuple[float, float, float] | None = None
 
     @property
     def kinds(self) -> dict[str, str]:

@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 
 from pydantic import (
+    AfterValidator,
     ConfigDict,
     Field,
     GetCoreSchemaHandler,
@@ -243,6 +244,13 @@ class RealTimeConfig(StrictModel):
     """A run of which a control tick begins later than this, s, ends with the outcome ``overrun``; default: it goes on."""
 
 
+def _direction(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    """A vector that is not zero."""
+    if not any(vector):
+        raise ValueError("a direction is needed, from the scene to the camera, such as [0, -1, 1]; [0, 0, 0] is none")
+    return vector
+
+
 class ScenarioConfig(StrictModel):
     """Keys of a scenario file: a run of one robot and its objects."""
 
@@ -316,6 +324,9 @@ class ScenarioConfig(StrictModel):
     realtime: RealTimeConfig | None = None
     """Control ticks wait for the clock of the machine; default: a run is as fast as it can be. See ``--realtime``."""
     log: LogConfig = LogConfig()
+    view: Annotated[tuple[float, float, float], AfterValidator(_direction)] | None = None
+    """Direction from which recordings and pages look at the scene: from it to the camera, in world axes; default: the one
+    from which the first contact, the tip and the base are least hidden."""
     uncertainties: dict[Name, PositiveFloat] = {}
     """Standard deviations of numbers of the scenario by dotted key, in their units: a run is repeated at plus and minus each
     of them, and its report says what they change (docs/sensitivity.md)."""

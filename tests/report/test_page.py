@@ -200,7 +200,7 @@ def test_a_run_that_diverged_is_drawn(hit, tmp_path):
     log = with_records(replace(hit.log, rows=rows), {"impacts": (lost,)})
     write_page(Run(log), tmp_path / "x.html")
     told = json.loads(part(tmp_path / "x.html", "data"), parse_constant=pytest.fail)
-    assert np.isfinite([*told["centre"], told["radius"]]).all()
+    assert np.isfinite([*told["centre"], *told["to_eye"]]).all()
     for each in drawn(tmp_path / "x.html"):
         matrices = [each["model_matrix"]] if "data" in each["model_matrix"] else each["model_matrix"].values()
         assert all(np.isfinite(np.frombuffer(matrix["data"], dtype=np.float32)).all() for matrix in matrices)

@@ -13,12 +13,11 @@ import rerun.blueprint as rrb
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.dynamics.reach import Reach
 from ffsm_mj.errors import LogWriteError
+from ffsm_mj.log.camera import SeenScene, direction, framed_points
 from ffsm_mj.log.drawing import (
     CheckedPair,
     DrawnShape,
     InitialScene,
-    box_corners,
-    geoms_to_draw,
     is_visual,
     marker_scale,
     shapes,
@@ -73,7 +72,7 @@ def _draw(recording: Recording, scene: InitialScene) -> None:
     log_shapes(recording, system)
     for body in range(1, system.mj.nbody):
         log(body_path(system, body), _pose(data.xpos[body], data.xquat[body]))
-    framing = Framing(_framed(scene), half_view=UPRIGHT_VIEW)
+    framing = _framing(scene)
     log("world/axes", framing.axes)
     _sites(log, scene, scale)
     for target in scene.targets:
@@ -93,12 +92,14 @@ def _pose(position: FloatArray, quaternion: FloatArray) -> rr.Transform3D:
     return rr.Transform3D(translation=position, quaternion=rr.Quaternion(xyzw=np.roll(quaternion, -1)))
 
 
-def _framed(scene: InitialScene) -> FloatArray:
-    """Points to keep in view: moving bodies and targets; fixed bodies may be large and are left out."""
-    model, still = scene.system.mj, {0, *scene.system.fixed_bodies}
-    geoms = [geom for geom in geoms_to_draw(model) if int(model.geom_bodyid[geom]) not in still]
-    corners = box_corners(model, geoms, scene.data.xpos, scene.data.xquat)
-    return np.vstack((corners, scene.data.xpos[1:], *(target.point_m for target in scene.targets)))
+def _framing(scene: InitialScene) -> Framing:
+    """View of the moving bodies and the targets, from where most of tip and base is seen."""
+    posed = scene.system, scene.data.xpos, scene.data.xquat
+    points = np.vstack((framed_points(*posed), *(target.point_m for target in scene.targets)))
+    if scene.view is not None:
+        return Framing(points, half_view=UPRIGHT_VIEW, back=direction(scene.view))
+    back = SeenScene(*posed, np.empty((0, 3))).best(points, UPRIGHT_VIEW)
+    return Framing(points, half_view=UPRIGHT_VIEW, back=back)
 
 
 def _sites(log: Any, scene: InitialScene, scale: float) -> None:

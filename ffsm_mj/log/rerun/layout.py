@@ -13,7 +13,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.log.drawing import Frames, View, box_corners, camera_path, geoms_to_draw, robot_boxes
+from ffsm_mj.log.camera import USUAL, SeenScene, aimed, direction, framed_points
+from ffsm_mj.log.drawing import Frames, View, camera_path, robot_boxes
 from ffsm_mj.log.markers import SHOWN_S
 from ffsm_mj.log.palette import AXES
 from ffsm_mj.log.rerun.plots import BASE, FORCES, FRICTION_USE, JOINTS, TIMELINE, TORQUES, Plot
@@ -283,21 +284,27 @@ class Opening:
         """
         assert self._pose is not None, "add_frames comes first"
         drawn = np.array(self._points).reshape(-1, 3)
-        return np.vstack((_corners(self._system, *self._pose), more, drawn))
+        return np.vstack((framed_points(self._system, *self._pose), more, drawn))
 
+    def framing(self, more: FloatArray, view: Sequence[float] | None) -> Framing:
+        """View of the first event, or else of the start.
 
-def _corners(system: System, positions: FloatArray, quaternions: FloatArray) -> FloatArray:
-    """Corners of the bounding boxes of the drawn geoms of moving bodies, (n, 3), m; else the origins of all bodies."""
-    model, still = system.mj, {0, *system.fixed_bodies}
-    geoms = [geom for geom in geoms_to_draw(model) if int(model.geom_bodyid[geom]) not in still]
-    return box_corners(model, geoms, positions, quaternions) if geoms else np.asarray(positions[1:])
+        Args:
+            more: Additional points to keep in view, (n, 3), m.
+            view: Direction towards the camera; None: the one that shows most.
+        """
+        assert self._pose is not None, "add_frames comes first"
+        points, contacts = self.points(more), np.array(self._points).reshape(-1, 3)
+        if view is not None:
+            return Framing(points, back=direction(view))
+        return Framing(points, back=SeenScene(self._system, *self._pose, contacts).best(points, WIDE_VIEW))
 
 
 _GRID = [90, 98, 112, 110]
 BACKGROUND = [24, 27, 33]
 FOLLOWED = "world/followed"
 """Entity of the point that the camera follows, which is not drawn."""
-_WIDE_VIEW, UPRIGHT_VIEW = (0.55, 0.42), (0.36, 0.42)
+WIDE_VIEW, UPRIGHT_VIEW = (0.55, 0.42), (0.36, 0.42)
 """Tangents of half the horizontal and vertical field of view of the camera, minus a margin: over and beside other views."""
 
 
@@ -309,11 +316,13 @@ class Framing:
         points: The points in world axes, (n, 3), m.
         follows: Entity that the camera follows; empty if it stands still.
         half_view: Tangents of half the horizontal and vertical field of view.
+        back: Unit vector from the scene to the camera, (3,).
     """
 
     points: FloatArray
     follows: str = ""
-    half_view: tuple[float, float] = _WIDE_VIEW
+    half_view: tuple[float, float] = WIDE_VIEW
+    back: FloatArray = field(default_factory=USUAL.copy)
 
     @property
     def low(self) -> FloatArray:
@@ -333,7 +342,7 @@ class Framing:
 
     @property
     def eye(self) -> rrb.EyeControls3D:
-        """Camera above and a little behind, so that a planar robot fills the view; as near as all points permit."""
+        """The camera, as near as all points permit."""
         position, centre = self._aim
         return rrb.EyeControls3D(
             position=position, look_target=centre, eye_up=[0.0, 0.0, 1.0], tracking_entity=self.follows or None
@@ -347,19 +356,10 @@ class Framing:
     @cached_property
     def _aim(self) -> tuple[FloatArray, FloatArray]:
         """Position of the camera, and the point at which it looks."""
-        back = np.array([-0.1, -0.56, 0.82]) / np.linalg.norm([-0.1, -0.56, 0.82])
-        right = np.cross([0.0, 0.0, 1.0], back) / np.linalg.norm(np.cross([0.0, 0.0, 1.0], back))
-        view = np.stack((right, np.cross(back, right), back))
-        centre = 0.5 * (self.low + self.high)
-        distance = 0.0
-        for _ in range(4):  # perspective: the middle of the picture is not the projection of the middle of the box
-            viewed = (self.points - centre) @ view.T
-            distance = float(np.max(np.abs(viewed[:, :2]) / self.half_view + viewed[:, 2:]))
-            flat = viewed[:, :2] / np.maximum(distance - viewed[:, 2:], 1e-9)
-            middle = 0.5 * (flat.min(axis=0) + flat.max(axis=0)) * distance
-            centre = centre + middle @ view[:2]
+        eye, centre = aimed(self.points, self.back, self.half_view)
         # A least distance keeps a single small body from filling the view.
-        return centre + max(distance, 2.0 * self.grid_m) * back, centre
+        distance = max(float(np.linalg.norm(eye - centre)), 2.0 * self.grid_m)
+        return centre + distance * self.back, centre
 
     @property
     def ground(self) -> rrb.LineGrid3D:

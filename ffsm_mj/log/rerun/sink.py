@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -56,15 +57,22 @@ _PLUME = (*PLUME, round(255 * PLUME_OPACITY))
 class RerunSink(Sink):
     """Sink that writes a recording to a file when the run ends, or sends it to a viewer at each flush."""
 
-    def __init__(self, output: Callable[[], Path] | str, system: System, view_rate_hz: float) -> None:
+    def __init__(
+        self,
+        output: Callable[[], Path] | str,
+        system: System,
+        view_rate_hz: float,
+        view: Sequence[float] | None = None,
+    ) -> None:
         """Remember the destination; nothing is written yet.
 
         Args:
             output: Called for the path of the file when the recording starts; or the address of a viewer to stream to.
             system: The system to draw.
             view_rate_hz: Frames per simulated second.
+            view: Direction towards the camera; None: the one that shows most.
         """
-        self._output, self._system = output, system
+        self._output, self._system, self._view = output, system, view
         self._scale = marker_scale(system)
         self._view_rate_hz, self._pending = view_rate_hz, list[Frames]()
 
@@ -169,7 +177,7 @@ class RerunSink(Sink):
         """Send the layout, with the ground and the axes; ``acting`` gives the names of the forces or torques to plot."""
         self._framed = True
         targets = np.empty((0, 3)) if self._target is None else self._target.points
-        framing = self._framing(self._opening.points(targets))
+        framing = self._framing(self._opening.framing(targets, self._view))
         contents = Contents(
             framing=framing,
             plots=self._plots,
@@ -184,18 +192,17 @@ class RerunSink(Sink):
         self._recording.constant("world/axes", framing.axes)
         self._stream.send_blueprint(blueprint(contents, None if self._streams else self._opening))
 
-    def _framing(self, points: FloatArray) -> Framing:
-        """View of some points, with a camera that follows the robot if it leaves them; in a stream it always follows."""
+    def _framing(self, framing: Framing) -> Framing:
+        """A view whose camera follows the robot if it leaves it; in a stream it always follows."""
         if self._streams:
-            return Framing(points, self._base)
-        framing = Framing(points)
+            return replace(framing, follows=self._base)
         path = self._opening.followed((framing.low, framing.high))
         if path is None:
             return framing
         index, places = self._recording.index(path[:, 0]), rr.Points3D.columns(positions=framing.centre + path[:, 1:])
         self._recording.constant(FOLLOWED, rr.Points3D.from_fields(radii=[0.0], colors=[(0, 0, 0, 0)]))
         self._recording.send(FOLLOWED, index, places)
-        return Framing(points, FOLLOWED)
+        return replace(framing, follows=FOLLOWED)
 
     def _trails(self, frames: Frames, index: Any) -> None:
         trails = {tree.name: frames.positions[:, tree.root] for tree in self._system.trees}
@@ -292,7 +299,8 @@ def write_recording(log: RunLog, path: Path) -> None:
     system = compile_log(log)
     if missing := set(coordinate_keys(system.joints.values())) - set(log.header.layout.keys):
         raise InputError(f"{THE_LOG} has no {min(missing)}, a coordinate of its models")
-    sink = RerunSink(lambda: path, system, logged_scenario(log).log.view_rate_hz)
+    scenario = logged_scenario(log)
+    sink = RerunSink(lambda: path, system, scenario.log.view_rate_hz, scenario.view)
     sink.open(log.header)
     for event in log.events:
         sink.event(event)

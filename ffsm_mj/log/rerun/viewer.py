@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from threading import Lock
 from typing import TYPE_CHECKING
@@ -87,19 +87,20 @@ def split_address(address: str) -> tuple[str, int]:
 class LiveSink(Sink):
     """Sink that sends a run to a viewer; the first failure gives a warning and ends the stream."""
 
-    def __init__(self, address: str, system: System, view_rate_hz: float) -> None:
+    def __init__(self, address: str, system: System, view_rate_hz: float, view: Sequence[float] | None = None) -> None:
         """Remember the address; nothing is sent yet.
 
         Args:
             address: ``host:port`` of the viewer.
             system: The system to draw.
             view_rate_hz: Frames per second of simulation time.
+            view: Direction towards the camera; None: the one that shows most.
 
         Raises:
             InputError: The address is not ``host:port``.
         """
         self._address, (self._host, self._port) = address, split_address(address)
-        self._system, self._rate = system, view_rate_hz
+        self._system, self._rate, self._view = system, view_rate_hz, view
         self._sink: RerunSink | None = None
         self._relay: Relay | None = None
         self._next_check = 0.0
@@ -115,7 +116,7 @@ class LiveSink(Sink):
 
         self._relay = Relay(self._host, self._port)
         viewer = f"rerun+http://127.0.0.1:{self._relay.port}/proxy"
-        self._sink = RerunSink(viewer, self._system, self._rate)
+        self._sink = RerunSink(viewer, self._system, self._rate, self._view)
         self._guarded(lambda sink: sink.open(header))
 
     def rows(self, block: FloatArray) -> None:

@@ -266,6 +266,6 @@ def _script_data(run: Run, drawn: PageScene, poses: Poses) -> dict[str, Any]:
         "marks": times[: scene.MOST_MARKS],
         "phases": [[phase.start_s, phase.name.replace("_", " ")] for phase in run.phases],
         "centre": drawn.centre.tolist(),
-        "radius": drawn.radius,
+        "to_eye": drawn.to_eye.tolist(),
         "path": [] if drawn.path is None else np.column_stack((poses.times, drawn.path)).round(6).tolist(),
     }

@@ -27,15 +27,13 @@
   function colour() {
     const number = (name) => parseInt(getComputedStyle(document.documentElement).getPropertyValue(name).trim().slice(1), 16);
     viewer.setClearColor(number("--paper"));
-    viewer.setGridColor(number("--grid"));
     viewer.setLabelColor(number("--faint"));
   }
 
   function aim() {
     const { clientWidth, clientHeight } = byId("scene");
-    const far = (data.radius / Math.sin(0.125 * Math.PI)) / Math.min(1, clientWidth / clientHeight);
-    const toEye = [-0.13, -0.55, 0.82];
-    viewer.setCamera([...data.centre.map((value, axis) => value + far * toEye[axis]), ...data.centre, 0, 0, 1]);
+    const farther = 1 / Math.min(1, clientWidth / clientHeight);
+    viewer.setCamera([...data.centre.map((value, axis) => value + farther * data.to_eye[axis]), ...data.centre, 0, 0, 1]);
   }
 
   function displacement(time) {

@@ -17,16 +17,8 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.dynamics.rigid_body import rotation_matrix
 from ffsm_mj.errors import one_line
 from ffsm_mj.log import palette
-from ffsm_mj.log.drawing import (
-    DrawnShape,
-    Frames,
-    box_corners,
-    camera_path,
-    geoms_to_draw,
-    marker_scale,
-    robot_boxes,
-    shapes,
-)
+from ffsm_mj.log.camera import SeenScene, aimed, direction, framed_points
+from ffsm_mj.log.drawing import DrawnShape, Frames, camera_path, marker_scale, robot_boxes, shapes
 from ffsm_mj.log.markers import (
     LVLH_ARROWS,
     DrawnMark,
@@ -40,6 +32,7 @@ from ffsm_mj.log.markers import (
     thrusters,
 )
 from ffsm_mj.log.palette import packed
+from ffsm_mj.log.scenario import logged_scenario
 from ffsm_mj.model.system import System
 from ffsm_mj.records.kinds import kind_of
 from ffsm_mj.records.metadata import LoggedTask, logged_task
@@ -196,8 +189,11 @@ def single(values: Any) -> Any:
 BEFORE, AFTER, MARK, TARGET = map(packed, (palette.ROBOT_ON_DARK, palette.TIP_AFTER, palette.MARK, palette.ON_ANY_GROUND))
 """Colours of the tip's path before and after the first mark, of marks and of the target."""
 MOST_MARKS = 200
-_LVLH_SHARE = 0.2
+_AXES_SHARE = 0.2
 """Length of the arrows of LVLH against the radius of the view."""
+_FIELD_OF_VIEW_DEG = 45.0
+_HALF_VIEW = (0.36, 0.36)
+"""Tangents of half the field of view in a square picture, less a margin."""
 
 
 @dataclass(frozen=True)
@@ -207,7 +203,7 @@ class PageScene:
     Attributes:
         snapshot: Compressed snapshot for K3D's viewer.
         centre: Target of the camera, (3,), m.
-        radius: Radius of the sphere around it that must be in view, m.
+        to_eye: From there to the camera in a view that is not higher than wide, (3,), m.
         path: Displacements of the camera at the times of the poses, (n, 3), m; None if it stands still.
         undrawn: Number of marks that are not drawn.
         colours: Colours of everything except bodies.
@@ -215,7 +211,7 @@ class PageScene:
 
     snapshot: bytes
     centre: FloatArray
-    radius: float
+    to_eye: FloatArray
     path: FloatArray | None
     undrawn: int
     colours: frozenset[int]
@@ -225,37 +221,51 @@ def scene(subject: Subject, poses: Poses) -> PageScene:
     """Draw the scene of a run."""
     scale = marker_scale(subject.system)
     marks = drawn_marks(subject.run.log.events, scale)
-    low, high = _box(subject, poses, marks)
-    plot = k3d.plot(menu_visibility=False, camera_auto_fit=False, grid_auto_fit=False, axes_helper=0, camera_fov=45.0)
-    middle, half = 0.5 * (low + high), 0.5 * np.maximum(high - low, 0.6 * np.max(high - low))
-    plot.grid = [*np.floor(middle - half).tolist(), *np.ceil(middle + half).tolist()]
-    plot.axes = ["x,\\,m", "y,\\,m", "z,\\,m"]
-    radius = 0.5 * float(np.linalg.norm(high - low)) or 1.0
+    points = _framed(subject, poses, marks)
+    low, high = points.min(axis=0), points.max(axis=0)
+    look = {"menu_visibility": False, "camera_auto_fit": False, "grid_auto_fit": False, "grid_visible": False}
+    plot = k3d.plot(axes_helper=0, camera_fov=_FIELD_OF_VIEW_DEG, **look)
+    eye, centre = aimed(points, _back(subject, poses, marks, points), _HALF_VIEW)
+    length_m = max(2.0 * scale, _AXES_SHARE * 0.5 * float(np.linalg.norm(high - low)))
     others = list(_others(subject, poses, marks[:MOST_MARKS], scale))
-    others += lvlh_arrows(subject.run.log.header.layout, poses, max(2.0 * scale, _LVLH_SHARE * radius))
+    others += lvlh_arrows(subject.run.log.header.layout, poses, length_m)
     for drawn in (*_bodies(subject, poses), *others):
         plot += drawn
     first_s = marks[0].time_s if marks else 0.0
     boxes = robot_boxes(subject.system, poses.positions)
     path = camera_path(poses.times, single(boxes).astype(np.float64), first_s, (low, high))
     colours = frozenset(int(other.color) for other in others)
-    return PageScene(plot.get_binary_snapshot(), middle, radius, path, max(0, len(marks) - MOST_MARKS), colours)
+    return PageScene(plot.get_binary_snapshot(), centre, eye - centre, path, max(0, len(marks) - MOST_MARKS), colours)
 
 
-def _box(subject: Subject, poses: Poses, marks: list[DrawnMark]) -> tuple[FloatArray, FloatArray]:
-    """Corners of the initial view box: bodies at the start and at the first mark, marks, the target."""
-    moments = [0, *(poses.nearest(marks[0].time_s) for _ in marks[:1])]
-    model, still = subject.system.mj, {0, *subject.system.fixed_bodies}
-    geoms = [geom for geom in geoms_to_draw(model) if int(model.geom_bodyid[geom]) not in still]
-    points = [box_corners(model, geoms, poses.positions[i], poses.quaternions[i]) for i in moments]
-    points += [poses.positions[moments, 1:].reshape(-1, 3), *(np.array([mark.mark.point_m]) for mark in marks[:MOST_MARKS])]
-    task = logged_task(subject.run.log.header.metadata)
-    points += [task.point_m[None]] if task is not None else []
-    everything = np.concatenate(points)
-    everything = everything[(np.abs(everything) < FAR_M).all(axis=1)]  # a log may hold any double
-    if not len(everything):
-        return np.full(3, -1.0), np.full(3, 1.0)
-    return everything.min(axis=0), everything.max(axis=0)
+def _framed(subject: Subject, poses: Poses, marks: list[DrawnMark]) -> FloatArray:
+    """Points to keep in view at the first mark, (n, 3), m: moving bodies, its marks, and the target."""
+    first, task = _first_pose(poses, marks), logged_task(subject.run.log.header.metadata)
+    bodies = framed_points(subject.system, poses.positions[first], poses.quaternions[first])
+    points = np.vstack((bodies, _first_points(marks), *([task.point_m] if task is not None else [])))
+    near = points[(np.abs(points) < FAR_M).all(axis=1)]  # a log may hold any double
+    return near if len(near) else np.array([[-1.0] * 3, [1.0] * 3])
+
+
+def _first_pose(poses: Poses, marks: list[DrawnMark]) -> int:
+    """Index of the pose at the first mark, or of the start."""
+    return poses.nearest(marks[0].time_s) if marks else 0
+
+
+def _first_points(marks: list[DrawnMark]) -> FloatArray:
+    """Points of the marks at the time of the first one, (n, 3), m."""
+    points = [mark.mark.point_m for mark in marks if mark.time_s == marks[0].time_s]
+    return np.array(points[:MOST_MARKS]).reshape(-1, 3)
+
+
+def _back(subject: Subject, poses: Poses, marks: list[DrawnMark], points: FloatArray) -> FloatArray:
+    """Direction from the scene to the camera: that of the scenario, or the one that shows most at the first mark."""
+    view = logged_scenario(subject.run.log).view
+    if view is not None:
+        return direction(view)
+    first, contacts = _first_pose(poses, marks), _first_points(marks)
+    positions, contacts = (single(part).astype(np.float64) for part in (poses.positions[first], contacts))
+    return SeenScene(subject.system, positions, poses.quaternions[first], contacts).best(points, _HALF_VIEW)
 
 
 def _others(subject: Subject, poses: Poses, marks: list[DrawnMark], scale: float) -> Iterator[Any]:
