@@ -131,8 +131,12 @@ class LogWriteError(FfsmError):
     """The log could not be written (full disk, closed pipe); what was flushed before stays readable."""
 
     def __init__(self, path: Path | str, cause: OSError) -> None:
-        self.path = Path(path)
+        self.path, self._cause = Path(path), cause
         super().__init__(f"{path}: {cause.strerror or cause}")
+
+    def __reduce__(self) -> tuple[type[LogWriteError], tuple[Path, OSError], dict[str, object]]:
+        """What makes it again in another process."""
+        return LogWriteError, (self.path, self._cause), vars(self)
 
 
 class OutputLostError(FfsmError):

@@ -75,7 +75,7 @@ class ModelResults:
         if self._accumulated is not None:
             return self._accumulated.summary()
         try:
-            computed = Effort(compile_log(self._log))
+            computed = Effort(self._compiled()[0] if self._compiled is not None else compile_log(self._log))
             computed.open(self._log.header)
         except (InputError, KeyError):  # models that no longer compile, or a part of the columns
             return {"effort": None, "base_rotation": None, "angular_momentum": None}

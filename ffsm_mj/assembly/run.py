@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 from contextlib import ExitStack
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -24,7 +24,7 @@ from ffsm_mj.assembly.process import noted, one_blas_thread, source_date
 from ffsm_mj.assembly.recorded_files import RecordedFiles, resolved_data
 from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.errors import LogWriteError
-from ffsm_mj.log.background import BACKGROUND_ROWS, BackgroundSink
+from ffsm_mj.log.background import BackgroundSink
 from ffsm_mj.log.mcap.reader import stored_rows
 from ffsm_mj.log.mcap.sink import McapSink
 from ffsm_mj.log.recorder import RECORDED_ROWS, MemorySink, Recorder, Sink
@@ -32,7 +32,7 @@ from ffsm_mj.log.rerun.viewer import LiveSink, rust_log
 from ffsm_mj.log.run_folder import RECORDING, RunFolder
 from ffsm_mj.model.mujoco_process import stopped_clock
 from ffsm_mj.model.system import System
-from ffsm_mj.records.events import Outcome, OutcomeRecord
+from ffsm_mj.records.events import Event, Outcome, OutcomeRecord
 from ffsm_mj.records.metadata import (
     FORMAT_VERSION,
     conservative_metadata,
@@ -71,7 +71,7 @@ class Recording:
         with_rerun: bool = False,
         live: str | None = None,
         columns: Collection[str] | None = None,
-        watchers: Sequence[Sink] = (),
+        tap: Callable[[Event], None] | None = None,
         start_s: float = 0.0,
     ) -> None:
         """Create the receivers; nothing is written yet.
@@ -82,7 +82,7 @@ class Recording:
             with_rerun: Write ``run.rrd`` into the folder.
             live: ``host:port`` of a Rerun viewer to stream to.
             columns: What a run in memory keeps of its rows, beside the time; None: all.
-            watchers: Further receivers of rows and events.
+            tap: Told of each event at once.
             start_s: Time of the state from which the run goes on, s.
 
         Raises:
@@ -92,23 +92,20 @@ class Recording:
         clock = source_date()  # refuse a malformed date before the folder is created
         kept = len(layout.signals) if columns is None else 1 + len(columns)
         refuse_without_room(config.ticks, kept, folder.path if folder is not None else None)
-        self._folder, self._layout, self._effort = folder, layout, Effort(system)
+        self._folder, self._layout = folder, layout
         self._compiled = partial(_models, config, system, assembly.compiled.recorded)
         self._header = _header(assembly, start_s, is_whole=columns is None)
-        self._memory, self._digest = MemorySink(keep_rows=folder is None, columns=columns), Digest()
-        sinks: list[Sink] = [self._memory, self._digest, self._effort]
-        if folder is not None:
-            rate_hz, view = config.log.view_rate_hz, config.view
-            sinks += file_sinks(folder, self._header, system, with_rerun=with_rerun, view_rate_hz=rate_hz, view=view)
-        if live is not None:
-            sinks.append(LiveSink(live, system, config.log.view_rate_hz, config.view))
+        self._memory = MemorySink(keep_rows=folder is None, columns=columns)
         self._stack, self._paced = ExitStack(), assembly.clock is not None
-        if assembly.clock is not None:
-            sinks = [BackgroundSink(sinks, assembly.clock.idle)]
-        lines = BACKGROUND_ROWS if self._paced else RECORDED_ROWS
-        block = np.zeros((lines, len(layout.signals)))
+        # Ticks of a run in real time do not wait for what can be computed from its log.
+        self._digest = Digest() if not self._paced else None
+        self._effort = Effort(system) if not self._paced else None
+        sinks: list[Sink] = [sink for sink in (self._memory, self._digest, self._effort) if sink is not None]
+        sinks += self._outside(system, config, live, with_rerun=with_rerun)
+        block = np.zeros((RECORDED_ROWS, len(layout.signals)))
         rows = RowWriter(assembly.row, assembly.plant.state.sampler, block)
-        self._recorder = Recorder(block, (*sinks, *watchers), rows.complete, by_clock=clock is None)
+        by_clock = self._paced or clock is None
+        self._recorder = Recorder(block, sinks, rows.complete, tap, by_clock=by_clock, paced=self._paced)
         contacts = assembly.contacts
         watch = ContactWatch(system.mj, assembly.data, assembly.known_pairs, contacts.unsupported, contacts.left_out)
         settings = _settings(config)
@@ -116,17 +113,26 @@ class Recording:
             assembly.plant, watch, assembly.controller, rows, self._recorder, settings, assembly.clock
         )
 
+    def _outside(self, system: System, config: ScenarioConfig, live: str | None, *, with_rerun: bool) -> list[Sink]:
+        """Sinks that write files, or send to a viewer."""
+        folder, rate_hz, sinks = self._folder, config.log.view_rate_hz, list[Sink]()
+        if folder is not None:
+            sinks += file_sinks(folder, self._header, system, with_rerun=with_rerun, view_rate_hz=rate_hz, view=config.view)
+        if live is not None:
+            sinks.append(LiveSink(live, system, rate_hz, config.view))
+        return [BackgroundSink(sinks, folder)] if sinks and self._paced else sinks
+
     def __enter__(self) -> Recording:
         """Open the log.
 
         Raises:
             InputError: The folder cannot be used.
         """
-        if self._paced:
-            self._stack.enter_context(prompt_process())
         self._recorder.__enter__()
         try:
             self._recorder.open(self._header)
+            if self._paced:
+                self._stack.enter_context(prompt_process())
         except BaseException as error:
             self._recorder.__exit__(type(error), error, error.__traceback__)
             raise
@@ -245,7 +251,6 @@ def simulate(
     live: str | None = None,
     report: Callable[[float, float], None] | None = None,
     columns: Collection[str] | None = None,
-    watchers: Sequence[Sink] = (),
     check: bool = False,
 ) -> Run:
     """Run an assembly once; its components are left at the end of the run.
@@ -258,7 +263,6 @@ def simulate(
         report: Told (simulation time, duration) in s as the run goes.
         columns: What a run in memory keeps of its rows, beside the time; None: all. One that keeps a part of them is no log
             that can be made again, and carries no scenario.
-        watchers: Further receivers of rows and events during the run.
         check: Raise what ended the run by an exception, of a control law or an unexpected one, when the log is closed.
 
     Raises:
@@ -267,9 +271,7 @@ def simulate(
     """
     start = assembly.compiled.start() if assembly.compiled.start is not None else None
     start_s = start.time_s if start is not None else 0.0
-    recording = Recording(
-        assembly, folder, with_rerun=with_rerun, live=live, columns=columns, watchers=watchers, start_s=start_s
-    )
+    recording = Recording(assembly, folder, with_rerun=with_rerun, live=live, columns=columns, start_s=start_s)
     simulation, duration_s = recording.simulation, assembly.scenario.duration_s
     if report is not None:
         simulation.report = lambda time_s: report(time_s, duration_s)

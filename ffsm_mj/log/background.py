@@ -1,110 +1,235 @@
-"""Sinks that work in a thread of their own, so that a run in real time does not wait for files and viewers."""
+"""Sinks that work in a process of their own, so that a run in real time waits neither for files nor for the interpreter.
+
+A thread would not do: Python lets one thread at a time compute, and a tick that is due would wait for the log. On Windows
+and macOS a process cannot be forked so that its libraries go on to work; there it is a thread all the same.
+"""
 
 from __future__ import annotations
 
+import errno
+import gc
+import os
+import pickle
+import signal
+import warnings
 from collections.abc import Callable, Sequence
+from contextlib import suppress
+from functools import partial
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
 from queue import SimpleQueue
-from threading import Event as Flag
 from threading import Thread
+from traceback import format_exception
+from typing import Any
 
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.errors import THE_LOG, FfsmError, LogWriteError, described
 from ffsm_mj.log.recorder import RECORDED_ROWS, Sink, close_all
+from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.run_log import RunHeader
 
-BACKGROUND_ROWS = 20
-"""Rows of a block: what is computed of a whole block takes a part of a control period."""
-_LONGEST_WAIT_S = 0.05
-"""Longest time for which a task waits for a run that is not idle, s: one that falls behind still has a log."""
+try:
+    from fcntl import F_SETPIPE_SZ, fcntl
+except ImportError:
+    HAS_FORK = False
+else:
+    HAS_FORK = True
+"""Whether a process can be forked whose libraries go on to work: on Linux, which is also where a pipe can be enlarged."""
+
+_PIPE_BYTES = 1 << 20
+"""Of what the run has sent and the process has not read yet; more is for privileged users."""
+_NICENESS = 10
+"""The run goes first where both have to share a processor."""
+_CLOSED = "closed"
 
 
 class BackgroundSink(Sink):
-    """Passes everything on to other sinks in a thread, in order. What fails there is raised at the next call."""
+    """Passes everything on to other sinks in a process, in order. What fails there is raised at the next call."""
 
-    def __init__(self, sinks: Sequence[Sink], idle: Flag) -> None:
-        """Bind to the sinks, which are opened in the caller's thread; ``idle`` is set while the run waits."""
-        self._sinks, self._idle = tuple(sinks), idle
-        self._tasks: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
-        self._blocks: list[FloatArray] = []
-        self._failure: Exception | None = None
-        self._thread: Thread | None = None
+    def __init__(self, sinks: Sequence[Sink], folder: RunFolder | None) -> None:
+        """Bind to the sinks, and to the folder that they write, which is told its final path."""
+        self._sinks, self._folder = tuple(sinks), folder
+        self._join: Callable[[], object] | None = None
 
     def open(self, header: RunHeader) -> None:
-        """Open the sinks, and start the thread."""
-        for sink in self._sinks:
-            sink.open(header)
-        self._thread = Thread(target=self._work, name="ffsm log", daemon=True)
-        self._thread.start()
+        """Start the process, and open the sinks in it."""
+        tasks, self._tasks = Pipe(duplex=False)
+        self._answers, answers = Pipe(duplex=False)
 
-    def _work(self) -> None:
-        while (task := self._tasks.get()) is not None:
-            self._idle.wait(_LONGEST_WAIT_S)
-            try:
-                if self._failure is None:
-                    task()
-            except Exception as failure:  # noqa: BLE001 (raised in the thread of the run)
-                self._failure = failure
+        def work() -> None:
+            _Worker(self._sinks, tasks, answers).work(header, self._folder)
 
-    def _pass_on(self, task: Callable[[Sink], None]) -> None:
-        def perform() -> None:
-            for sink in self._sinks:
-                task(sink)
+        if HAS_FORK:
+            fcntl(self._tasks.fileno(), F_SETPIPE_SZ, _PIPE_BYTES)
+            self._join = _forked(work, (self._tasks, self._answers))
+            tasks.close()
+            answers.close()
+        else:
+            thread = Thread(target=work, name="ffsm log", daemon=True)
+            thread.start()
+            self._join = thread.join
+        path = self._answer()
+        if self._folder is not None:
+            self._folder.path = path  # a number may have been appended
 
-        self._pass_on_rows()
-        self._put(perform)
+    def _answer(self) -> Any:
+        """What the process says; raises what has failed in it."""
+        try:
+            answer = self._answers.recv()
+        except (EOFError, OSError):
+            raise self._gone() from None
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
 
-    def _put(self, task: Callable[[], None]) -> None:
-        self._raise_failure()
-        self._tasks.put(task)
+    def _gone(self) -> LogWriteError:
+        place = THE_LOG if self._folder is None else self._folder.log
+        return LogWriteError(place, OSError(errno.EPIPE, "the process that wrote it is gone"))
 
-    def _raise_failure(self) -> None:
-        if self._failure is not None:
-            failure, self._failure = self._failure, None
-            raise failure
+    def _send(self, task: str, *arguments: Any) -> None:
+        if self._answers.poll():
+            self._answer()
+        try:
+            self._tasks.send((task, arguments))
+        except OSError:
+            raise self._gone() from None
 
     def rows(self, block: FloatArray) -> None:
-        """Keep a copy of a block: sinks take many at once, which costs a part of what one by one does."""
-        self._raise_failure()
-        self._blocks.append(block.copy())
-        if len(self._blocks) * BACKGROUND_ROWS >= RECORDED_ROWS:
-            self._pass_on_rows()
-
-    def _pass_on_rows(self) -> None:
-        if blocks := self._blocks:
-            self._blocks = []
-            self._put(lambda: self._write(blocks))
-
-    def _write(self, blocks: list[FloatArray]) -> None:
-        block = np.concatenate(blocks)
-        for sink in self._sinks:
-            sink.rows(block)
+        """Pass on a block."""
+        self._send("rows", block)
 
     def event(self, event: Event) -> None:
         """Pass on an event."""
-        self._pass_on(lambda sink: sink.event(event))
+        self._send("event", event)
 
     def state(self, time_s: float, state: bytes) -> None:
         """Pass on a state of the simulation."""
-        self._pass_on(lambda sink: sink.state(time_s, state))
+        self._send("state", time_s, state)
 
     def flush(self) -> None:
         """Flush the sinks when they have taken all that came before."""
-        self._pass_on(lambda sink: sink.flush())
+        self._send("flush")
 
     def close(self, outcome: OutcomeRecord | None) -> None:
-        """Wait until everything is written, and close every sink; the first failure is raised."""
-        failures = []
-        if self._thread is not None:
-            try:
-                self._pass_on_rows()
-            except Exception as failure:  # noqa: BLE001 (raised below, after every sink is closed)
-                failures.append(failure)
-            self._tasks.put(None)
-            self._thread.join()
-        if self._failure is not None:
-            failures.append(self._failure)
-        failures += close_all(self._sinks, outcome)
+        """Wait until everything is written and every sink is closed; the first failure is raised."""
+        if self._join is None:
+            return
+        failures: list[Exception] = []
+        with suppress(OSError):  # if the process is gone, its answers end without the last one
+            self._tasks.send(("close", (outcome,)))
+        self._tasks.close()
+        answer = None
+        with suppress(EOFError, OSError):
+            while True:
+                answer = self._answers.recv()
+                failures += [answer] if isinstance(answer, Exception) else []
+        self._join()
+        self._answers.close()
+        if answer != _CLOSED:
+            failures.append(self._gone())
         if failures:
             raise failures[0]
+
+
+class _Worker:
+    """Performs in another process what the sink of the run is asked to do."""
+
+    def __init__(self, sinks: Sequence[Sink], tasks: Connection, answers: Connection) -> None:
+        """Bind to the sinks, and to the ends of the pipes."""
+        self._sinks, self._tasks, self._answers = sinks, tasks, answers
+        self._received: SimpleQueue[tuple[str, tuple[Any, ...]] | None] = SimpleQueue()
+        self._blocks: list[FloatArray] = []
+
+    def work(self, header: RunHeader, folder: RunFolder | None) -> None:
+        """Open the sinks, and do what comes until they are closed."""
+        # The run must not wait until a sink is ready to go on.
+        Thread(target=self._receive, daemon=True).start()
+        self._attempt(lambda: self._open(header, folder))
+        while (received := self._received.get()) is not None:
+            task, arguments = received
+            self._attempt(partial(self._perform, task, *arguments))
+            if task == "close":
+                self._answer(_CLOSED)
+                break
+        self._answers.close()
+
+    def _receive(self) -> None:
+        with suppress(EOFError, OSError):
+            while True:
+                self._received.put(self._tasks.recv())
+        self._received.put(None)  # the run was killed: as without a process, its log has what was flushed
+
+    def _attempt(self, act: Callable[[], None]) -> None:
+        try:
+            act()
+        except Exception as failure:  # noqa: BLE001 (raised in the run)
+            self._answer(_portable(failure))
+
+    def _answer(self, answer: Any) -> None:
+        with suppress(OSError):  # a run that was killed asks for nothing
+            self._answers.send(answer)
+
+    def _open(self, header: RunHeader, folder: RunFolder | None) -> None:
+        for sink in self._sinks:
+            sink.open(header)
+        self._answer(None if folder is None else folder.path)
+
+    def _perform(self, task: str, *arguments: Any) -> None:
+        if task == "rows":
+            self._blocks += arguments
+            if sum(map(len, self._blocks)) < RECORDED_ROWS:
+                return  # sinks take many rows at once, which costs a part of what one block by one does
+        if self._blocks:
+            block, self._blocks = np.concatenate(self._blocks), []
+            for sink in self._sinks:
+                sink.rows(block)
+        if task == "close":
+            for failure in close_all(self._sinks, *arguments):
+                self._answer(_portable(failure))
+        for sink in self._sinks if task in ("event", "state", "flush") else ():
+            getattr(sink, task)(*arguments)
+
+
+def _forked(work: Callable[[], None], of_the_run: Sequence[Connection]) -> Callable[[], object]:
+    """Do some work in a copy of this process, which closes the ends of pipes that are not its own.
+
+    Returns:
+        A function that waits for its end.
+    """
+    with warnings.catch_warnings():
+        # Python warns of other threads, which may hold locks: of those that the work needs, it frees its own in the copy.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        process = os.fork()
+    if process:
+        return partial(_wait_for, process)
+    try:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: None)  # they reach every process of a terminal; the run decides how it ends
+        for connection in of_the_run:
+            connection.close()
+        with suppress(PermissionError):
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))  # only the run is in a hurry
+        os.nice(_NICENESS)
+        gc.freeze()  # to look at objects of the run would copy them
+        work()
+    finally:
+        os._exit(0)  # nothing of the run may go on in its copy
+
+
+def _wait_for(process: int) -> None:
+    with suppress(ChildProcessError):  # a handler of the program may have waited for it
+        os.waitpid(process, 0)
+
+
+def _portable(failure: Exception) -> Exception:
+    """An exception as it can be passed to another process: with its traceback as a note, or described."""
+    failure.add_note("".join(format_exception(failure)))
+    try:
+        if str(pickle.loads(pickle.dumps(failure))) == str(failure):
+            return failure
+    except Exception:  # noqa: BLE001 (whatever a class does not allow)
+        pass
+    return FfsmError(described(failure))

@@ -103,11 +103,6 @@ class Simulation:
             self._plant.integrator.interrupt_by(self._poll)
             if self._plant.sampler is not None:
                 self._plant.sampler.begin()
-            self._begin_clock()
-
-    def _begin_clock(self) -> None:
-        if self._clock is not None:
-            self._clock.begin(self.next_tick_s if self.due is None else self.due.observation.time_s)
 
     def advance(self, to_event: bool = False, commanded: bool = False, flying: bool = False) -> None:
         """Take the decision that is due, and simulate to the next one or to the end of the run.
@@ -121,6 +116,8 @@ class Simulation:
         """
         started = time.perf_counter()
         with self._guard:
+            if self._clock is not None and not self._clock.runs:
+                self._clock.begin(self.observation().time_s)
             if self.due is not None:
                 due, self.due = self.due, None
                 self._settle(due, commanded)
@@ -129,7 +126,9 @@ class Simulation:
             self._observed = None
             self._step_to_tick(to_event)
             if self._clock is not None:
-                self._clock.wait(self.next_tick_s if self.due is None else self.due.observation.time_s, self._poll)
+                self._clock.wait(
+                    self.next_tick_s if self.due is None else self.due.observation.time_s, self._poll, self._log.use
+                )
         self._wall_s += time.perf_counter() - started
 
     @dataclass
@@ -194,7 +193,8 @@ class Simulation:
             self._controller.begin_law_again(replaced)
         self._controller.tell_phase_again()
         self._log.phases()
-        self._begin_clock()
+        if self._clock is not None:
+            self._clock.runs = False
 
     def observation(self) -> Observation:
         """What the controller sees at the decision that is due, or at the end of the run."""

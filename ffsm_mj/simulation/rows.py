@@ -89,6 +89,10 @@ class LogWriter:
         """Write the rows that are buffered."""
         self._recorder.pass_on()
 
+    def use(self, left_s: float) -> None:
+        """Pass on what waits, if it takes less than some wall time, s."""
+        self._recorder.use(left_s)
+
     def rest(self, progress: Progress, due: EventDue | None) -> None:
         """Write the remaining records at the end of the run, whatever its outcome."""
         if due is not None:  # stopped at an event: it is recorded with the efforts held

@@ -1,8 +1,8 @@
 """Real time: control ticks wait for a monotonic clock, and how well that succeeds is measured.
 
-Tick k of a run that began at wall time w is due at w + t_k / factor. What it is late is the jitter of the clock and of the
-operating system, or, where the computation of the period before took longer than the period, an overrun. Ticks that are
-late do not shift those after them: a run that fell behind catches up.
+Tick k of a run whose first command was known at wall time w is due at w + t_k / factor. What it is late is the jitter of the
+clock and of the operating system, or, where the computation of the period before took longer than the period, an overrun.
+Ticks that are late do not shift those after them: a run that fell behind catches up.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from threading import Event
 
 import numpy as np
 
@@ -24,7 +23,7 @@ from ffsm_mj.records.signals import Signal
 _ASLEEP_S = 2e-4
 """Wall time before a tick is due at which the process is awake: Linux wakes it some 60 us late, rarely more than 200."""
 _SWITCH_S = 2e-5
-"""Longest time for which another thread of Python, such as that of the log, keeps the interpreter from a tick."""
+"""Longest time for which another thread of Python keeps the interpreter from a tick."""
 _LONGEST_SLEEP_S = 0.1
 """Longest time between two looks for an interrupt, s."""
 _SIGNALS = (
@@ -62,7 +61,7 @@ class WallClock:
 
     Attributes:
         columns: What it measures, by tick.
-        idle: Set while a tick waits.
+        runs: Whether it has begun.
     """
 
     def __init__(self, factor: float, most_late_s: float | None, period_s: float) -> None:
@@ -77,29 +76,37 @@ class WallClock:
         self._most_busy_s = period_s * self._rate
         self._values = np.zeros(len(_SIGNALS))
         self.columns = Columns(tuple(Signal("clock", *signal) for signal in _SIGNALS), live=self._values)
-        self._zero_s, self._began_s = math.nan, math.nan
-        self.idle = Event()
+        self._zero_s, self._began_s, self._first_s = math.nan, math.nan, math.nan
+        self.runs, self._is_first = False, False
 
     def begin(self, time_s: float) -> None:
-        """Begin at a simulation time: now, which is also where the next tick begins."""
-        self._began_s = time.perf_counter()
-        self._zero_s = self._began_s - time_s * self._rate
-        self._values[:] = 0.0
+        """Begin with the decision at a simulation time: now, or if it is at a tick, when its command is known."""
+        self.runs = self._is_first = True
+        self._first_s, self._values[:] = time_s, 0.0
+        self._set_out()
 
-    def wait(self, time_s: float, poll: Callable[[], object]) -> None:
-        """Wait until a simulation time is due; ``poll`` may raise, to end the run.
+    def _set_out(self) -> None:
+        self._began_s = time.perf_counter()
+        self._zero_s = self._began_s - self._first_s * self._rate
+
+    def wait(self, time_s: float, poll: Callable[[], object], use: Callable[[float], object]) -> None:
+        """Wait until a simulation time is due.
+
+        Args:
+            time_s: The simulation time.
+            poll: May raise, to end the run.
+            use: Told the wall time that is left, s, to do in it what the run has put off.
 
         Raises:
             RunEnded: It is later than allowed.
         """
-        due_s, now_s = self._zero_s + time_s * self._rate, time.perf_counter()
-        self._values[2] = busy_s = now_s - self._began_s
+        self._is_first, due_s = False, self._zero_s + time_s * self._rate
+        use(due_s - time.perf_counter())
+        self._values[2] = busy_s = time.perf_counter() - self._began_s
         self._values[3] += busy_s > self._most_busy_s
-        self.idle.set()
         while (left_s := due_s - time.perf_counter()) > _ASLEEP_S:
             time.sleep(min(left_s - _ASLEEP_S, _LONGEST_SLEEP_S))
             poll()
-        self.idle.clear()
         while time.perf_counter() < due_s:  # a sleep ends late, a loop does not
             pass
         self._began_s = time.perf_counter()
@@ -111,3 +118,5 @@ class WallClock:
     def decided(self) -> None:
         """The command of the tick is known."""
         self._values[1] = time.perf_counter() - self._began_s
+        if self._is_first:
+            self._set_out()  # a law has all the time to begin: its first evaluation takes many times what others do

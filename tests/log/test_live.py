@@ -53,13 +53,14 @@ def stub_viewer(*, closes_after):
         each.close()
 
 
-def test_the_stream_equals_the_recording(tmp_path, caplog):
+@pytest.mark.parametrize("overrides", [{}, {"realtime.factor": 20.0}], ids=["free", "in real time"])
+def test_the_stream_equals_the_recording(tmp_path, caplog, overrides):
     port = free_port()
     received = tmp_path / "received.rrd"
     command = viewer_command("--port", str(port), "--save", str(received))
     with viewer_process(command):
         wait_for(port)
-        run = ffsm_mj.run(two_balls(tmp_path), out=tmp_path / "out", live=f"127.0.0.1:{port}")
+        run = ffsm_mj.run(two_balls(tmp_path), overrides, out=tmp_path / "out", live=f"127.0.0.1:{port}")
         time.sleep(0.5)
     assert run.outcome == "completed"
     assert not caplog.records

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-import threading
+import fcntl
+import os
+import signal
 import time
 from pathlib import Path
 
@@ -11,8 +13,10 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.errors import InputError
-from ffsm_mj.log import background
+from ffsm_mj.log import background, recorder
+from tests.contact_models.grasp.test_killed import killed
 from tests.replays import assert_passes, assert_replayed
+from tests.ticks import at_each_tick
 
 TAP = {"duration_s": 0.6}
 PACED = TAP | {"realtime.factor": 1.0}
@@ -102,8 +106,8 @@ def test_a_bound_ends_the_run_and_its_log_is_whole(tmp_path):
     assert_replayed(ffsm_mj.load_run(tmp_path / "run"))
 
 
-def test_a_log_that_cannot_be_written_ends_the_run(tmp_path, monkeypatch):
-    """What fails in the thread of the log is raised in that of the run."""
+def test_a_log_that_cannot_be_written_ends_the_run(tmp_path, monkeypatch, processes):
+    """What fails in the process of the log is raised in that of the run."""
 
     def full(_self, _block):
         raise OSError(28, "No space left on device")
@@ -112,7 +116,112 @@ def test_a_log_that_cannot_be_written_ends_the_run(tmp_path, monkeypatch):
     monkeypatch.setattr(background, "RECORDED_ROWS", 20)
     run = ffsm_mj.run("tap", PACED, out=tmp_path / "run", rerun=False)
     assert run.outcome == "write_failed"
-    assert not [thread for thread in threading.enumerate() if thread.name == "ffsm log"]
+    assert run.message == f"{tmp_path}/run/run.mcap.partial: No space left on device"
+    assert_are_gone(processes)
+
+
+@pytest.fixture
+def processes(monkeypatch):
+    """Processes of logs that are begun from here on."""
+    begun, fork = [], os.fork
+
+    def forked():
+        process = fork()
+        begun.append(process)
+        return process
+
+    monkeypatch.setattr(background.os, "fork", forked)
+    return begun
+
+
+def assert_are_gone(processes):
+    assert processes
+    for process in processes:
+        with pytest.raises(ChildProcessError):
+            os.waitpid(process, os.WNOHANG)
+
+
+def flushed_often(patched):
+    patched.setattr(recorder, "_FLUSH_PERIOD_S", 0.003)
+
+
+def at(when_s, action):
+    """What does something at the first tick from a time on."""
+    done = []
+
+    def act(time_s):
+        if time_s >= when_s and not done:
+            done.append(time_s)
+            action()
+
+    return act
+
+
+@pytest.mark.skipif(not background.HAS_FORK, reason="the log is written in the process of the run")
+def test_a_log_whose_process_is_killed_is_readable(tmp_path, monkeypatch, processes):
+    """But for what was on its way: on a machine that has other things to do, up to some tenths of a second."""
+    with monkeypatch.context() as patched:
+        flushed_often(patched)
+        at_each_tick(patched, at(0.5, lambda: os.kill(processes[0], signal.SIGKILL)))
+        run = ffsm_mj.run("tap", PACED, out=tmp_path / "run", rerun=False)
+    assert run.outcome == "write_failed"
+    assert run.message == f"{tmp_path}/run/run.mcap.partial: the process that wrote it is gone"
+    assert_are_gone(processes)
+    read = ffsm_mj.load_run(tmp_path / "run")
+    assert 0.2 < read.time[-1] <= 0.5
+    assert len(read.impacts) > 1
+    assert_replayed(read)
+
+
+@pytest.mark.skipif(not background.HAS_FORK, reason="the log is written in the process of the run")
+def test_a_run_that_is_killed_leaves_a_readable_log(tmp_path, monkeypatch):
+    """And no process: its lock on the log is free."""
+    with monkeypatch.context() as patched:
+        flushed_often(patched)
+        at_each_tick(patched, at(0.5, lambda: os.kill(os.getpid(), signal.SIGKILL)))
+        killed("tap", tmp_path / "run", PACED)
+    with (tmp_path / "run" / "run.mcap.partial").open("r+b") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)  # waits for what the process of the log still writes
+    read = ffsm_mj.load_run(tmp_path / "run")
+    assert read.outcome == "incomplete"
+    assert 0.2 < read.time[-1] <= 0.5
+    assert_replayed(read)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_reaches_both_processes_and_the_log_is_whole(tmp_path, monkeypatch, processes, number):
+    """A terminal sends it to all of its processes, and the log must not end before the run does."""
+
+    def interrupt():
+        for process in (*processes, os.getpid()):
+            os.kill(process, number)
+
+    with monkeypatch.context() as patched:
+        at_each_tick(patched, at(0.4, interrupt))
+        with pytest.raises(KeyboardInterrupt):
+            ffsm_mj.run("tap", PACED, out=tmp_path / "run", rerun=False)
+    assert_are_gone(processes)
+    read = ffsm_mj.load_run(tmp_path / "run")
+    assert (read.outcome, read.complete) == ("interrupted", True)
+    assert read.time[-1] == pytest.approx(0.4, abs=1e-9)
+    assert_replayed(read)
+
+
+class Failing(Slow):
+    """A law with a mistake that shows late."""
+
+    def control(self, observation, command):
+        assert observation.time_s < 0.3, "too late"
+
+
+def test_the_log_of_a_law_that_fails_is_whole(tmp_path, processes):
+    overrides = PACED | {"phases": [{"name": "late", "until": "end", "controller": {"kind": "failing"}}]}
+    with pytest.raises(AssertionError, match="too late"):
+        ffsm_mj.run("tap", overrides, controllers={"failing": Failing}, out=tmp_path / "run", rerun=False)
+    assert_are_gone(processes)
+    read = ffsm_mj.load_run(tmp_path / "run")
+    assert (read.outcome, read.complete) == ("controller_failed", True)
+    assert_replayed(read)
 
 
 @pytest.mark.parametrize("factor", [0.0, -1.0, float("inf"), float("nan")])
@@ -121,11 +230,18 @@ def test_a_pace_that_is_none_is_refused(factor):
         ffsm_mj.Simulator("tap", realtime=factor)
 
 
-def test_the_log_is_that_of_a_run_in_one_thread(tmp_path):
-    """Rows, events and their order: with blocks in the background, and at once."""
+@pytest.mark.parametrize("has_fork", [background.HAS_FORK, False], ids=["process", "thread"])
+def test_the_log_is_that_of_a_run_that_writes_itself(tmp_path, monkeypatch, has_fork):
+    """Rows, events and their order, and what is computed of them: written by another process, and at once."""
+    monkeypatch.setattr(background, "HAS_FORK", has_fork)
+    monkeypatch.setattr(background, "RECORDED_ROWS", 7)  # blocks end where those of the run do not
     paced = ffsm_mj.run("tap", TAP | {"realtime.factor": 8.0}, out=tmp_path / "paced", rerun=False)
     free = ffsm_mj.run("tap", TAP, out=tmp_path / "free", rerun=False)
     read, other = (ffsm_mj.load_run(Path(run.path)) for run in (paced, free))
-    assert [type(event) for event in read.log.events] == [type(event) for event in other.log.events]
-    assert np.array_equal(read.qpos, other.qpos)
-    assert np.array_equal(read.time, other.time)
+    assert len(read.impacts) > 3
+    assert list(map(str, read.log.events)) == list(map(str, other.log.events))
+    for key in free.keys:
+        assert np.array_equal(read[key], other[key], equal_nan=True), key
+    summaries = [ffsm_mj.summary(run) for run in (paced, free)]
+    for name in ("effort", "base_rotation", "angular_momentum", "impacts", "contacts", "conservation"):
+        assert summaries[0][name] == summaries[1][name], name

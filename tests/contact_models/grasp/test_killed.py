@@ -47,12 +47,12 @@ def send(monkeypatch, when, number):
     at_each_tick(monkeypatch, lambda time_s: os.kill(os.getpid(), number) if abs(time_s - when) < 1e-9 else None)
 
 
-def killed(path, out):
+def killed(path, out, overrides=()):
     """Run in a child that kills itself; rows are flushed every few milliseconds."""
     child = os.fork()
     if not child:
         try:
-            ffsm_mj.run(path, out=out, rerun=False)
+            ffsm_mj.run(path, overrides, out=out, rerun=False)
         finally:
             os._exit(7)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
