@@ -234,7 +234,6 @@ def test_a_pace_that_is_none_is_refused(factor):
 def test_the_log_is_that_of_a_run_that_writes_itself(tmp_path, monkeypatch, has_fork):
     """Rows, events and their order, and what is computed of them: written by another process, and at once."""
     monkeypatch.setattr(background, "HAS_FORK", has_fork)
-    monkeypatch.setattr(background, "RECORDED_ROWS", 7)  # blocks end where those of the run do not
     paced = ffsm_mj.run("tap", TAP | {"realtime.factor": 8.0}, out=tmp_path / "paced", rerun=False)
     free = ffsm_mj.run("tap", TAP, out=tmp_path / "free", rerun=False)
     read, other = (ffsm_mj.load_run(Path(run.path)) for run in (paced, free))
