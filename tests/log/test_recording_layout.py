@@ -9,7 +9,7 @@ import rerun.blueprint as rrb
 
 from ffsm_mj.log.drawing import shapes
 from ffsm_mj.log.rerun.layout import Contents, Framing, Opening, blueprint
-from ffsm_mj.log.rerun.plots import Plot, short_name
+from ffsm_mj.log.rerun.plots import Extent, Plot, phase_looks
 from ffsm_mj.log.rerun.scene import Marks
 from ffsm_mj.log.rerun.sink import write_recording
 from ffsm_mj.records.events import ImpactRecord
@@ -71,9 +71,14 @@ def test_without_events_a_recording_plays_from_its_start(layout, tmp_path, ffsm_
     assert "Close-up of the events" not in [tab.name for tab in opened.root_container.contents[1].contents]
 
 
-def laid_out(points, *, forces=()):
+def laid_out(points, *, forces=(), efforts=()):
+    """Contents with some plots of efforts and their values."""
     plots = [Plot(f"plots/{name}", [0], ["total"], [(0, 0, 0)]) for name in ("energy", "balance")]
-    return Contents(framing=Framing(points), plots=plots, trails=[], tip=True, forces=forces)
+    extents = {plot.entity: Extent() for plot, _ in efforts}
+    for plot, values in efforts:
+        extents[plot.entity].add(plot, values)
+    plots += [plot for plot, _ in efforts]
+    return Contents(framing=Framing(points), plots=plots, trails=[], tip=True, forces=forces, extents=extents)
 
 
 @pytest.mark.parametrize("forces", [(), ("a_b",)])
@@ -101,9 +106,44 @@ def test_all_points_are_in_the_view_of_the_camera(rng):
         assert 0.8 < max(wide, high) < 1.05
 
 
-@pytest.mark.parametrize(("room", "shown"), [(12, "safety pause"), (11, "pause"), (5, "pause"), (4, " "), (-1, " ")])
-def test_names_of_phases_are_shortened_to_fit(room, shown):
-    assert short_name("safety_pause", room) == shown
+def test_phases_bear_their_whole_names():
+    looks = phase_looks(["approach", "safety_pause", "approach"])
+    assert looks.labels.as_arrow_array().to_pylist() == ["approach", "safety pause"]
+
+
+def test_all_plots_of_a_recording_have_one_time_axis(layout, baseline):
+    """Those of all tabs, except the close-up, whose plots have another one; they begin and end with the run's curves."""
+    overview, close, *others = layout(baseline).root_container.contents[1].contents
+    whole = {ends(view) for tab in (overview, *others) for view in views(tab)}
+    assert len(whole) == len(set(map(ends, views(close)))) == 1
+    ((start_s, end_s),) = whole
+    assert -1.0 < start_s < 0.0
+    assert end_s > 30.0
+
+
+def test_bounds_do_not_drive_the_range_of_a_plot(rng):
+    """A torque of 0.2 N m within bounds of 40 N m: the plot is 8 % higher and lower than the range of the torque.
+
+    Its title has the bounds; the plot of one that reaches them shows them.
+    """
+    for greatest, title in ((0.2, "m [N m], bounds 40 or more"), (40.0, "m [N m] and its bounds")):
+        torque = rng.uniform(-greatest, greatest, size=50)
+        torque[:2] = -greatest, greatest
+        plot = Plot("plots/joints/m", [0, 1, 2], ["lower bound", "upper bound", "m"], [(0, 0, 0)] * 3, "N m", limits=(0, 1))
+        contents = laid_out(np.eye(3), efforts=[(plot, np.column_stack((np.full(50, -40.0), np.full(50, 40.0), torque)))])
+        (view,) = blueprint(contents, None).root_container.contents[1].contents[1].contents
+        assert view.name == title
+        shown = view.properties["ScalarAxis"].range.as_arrow_array().to_pylist()[0]
+        np.testing.assert_allclose(shown, [-1.16 * greatest, 1.16 * greatest], rtol=1e-12)
+
+
+@pytest.mark.parametrize(("torque", "is_shown"), [(0.0, False), (np.nan, False), (1e-9, True)])
+def test_empty_plots_are_left_out(torque, is_shown):
+    """Of an actuator that never acted, and of what has no values: not those of the smallest effort."""
+    plot = Plot("plots/joints/m", [0, 1, 2], ["lower bound", "upper bound", "m"], [(0, 0, 0)] * 3, "N m", limits=(0, 1))
+    contents = laid_out(np.eye(3), efforts=[(plot, np.array([[-1.0, 1.0, 0.0], [-1.0, 1.0, torque]]))])
+    tabs = [tab.name for tab in blueprint(contents, None).root_container.contents[1].contents]
+    assert ("Joints" in tabs) == is_shown
 
 
 def hit(time_s, impulse, x):

@@ -17,13 +17,15 @@ from ffsm_mj.log.camera import USUAL, SeenScene, aimed, direction, framed_points
 from ffsm_mj.log.drawing import Frames, View, camera_path, robot_boxes
 from ffsm_mj.log.markers import SHOWN_S
 from ffsm_mj.log.palette import AXES
-from ffsm_mj.log.rerun.plots import BASE, FORCES, FRICTION_USE, JOINTS, TIMELINE, TORQUES, Plot
+from ffsm_mj.log.rerun.plots import BASE, FORCES, FRICTION_USE, JOINTS, TIMELINE, TORQUES, Extent, Plot
 from ffsm_mj.model.system import System
 
 _LEGEND = rrb.PlotLegend(corner=rrb.Corner2D.RightTop)
 _NO_LEGEND = rrb.PlotLegend(visible=False)
 _LETTER_PX, _BESIDE_PX, _PLOT_PX = 6.4, 34.0, 290.0
 """Widths of a letter of a legend, of its remaining parts, and of a plot in a window of 1300 pixels."""
+_MOST_LETTERS = 9
+"""Greatest length of a name, that of ``objects x``, for which the time axis has room: all plots share it."""
 _MOST_LANES = 5
 
 
@@ -35,6 +37,7 @@ class Contents:
         framing: Points to keep in view.
         plots: Plots of columns.
         sensing: Plots of measurements and estimates by the name of their tab.
+        extents: Range of the curves of each plot by its entity, as far as it is known: of a stream it is not.
         trails: Names of the trails.
         tip: Whether the tip error is plotted.
         forces: Names of the forces that are plotted.
@@ -52,6 +55,11 @@ class Contents:
     thrusters: int = 0
     contacts: int = 0
     sensing: Mapping[str, Sequence[Plot]] = field(default_factory=dict)
+    extents: Mapping[str, Extent] = field(default_factory=dict)
+
+    def shown(self, plots: Sequence[Plot]) -> list[Plot]:
+        """Those plots that are not empty."""
+        return [plot for plot in plots if plot.entity not in self.extents or not self.extents[plot.entity].is_empty]
 
     @property
     def lanes(self) -> str:
@@ -61,18 +69,28 @@ class Contents:
 
 
 class _Curves(NamedTuple):
-    """Contents of one view: its entity, its title (with the unit early, as long titles are cut), and names in its legend."""
+    """Contents of one view.
+
+    Attributes:
+        origin: Its entity.
+        title: Its title, with the unit early, as long titles are cut.
+        names: Names in its legend.
+        y_range: Range of its y axis; None: that of all curves.
+    """
 
     origin: str
     title: str
     names: Sequence[str] = ()
+    y_range: tuple[float, float] | None = None
 
-    def room(self, views: int) -> float:
-        """Width of the legend relative to that of the curves, if ``views`` plots are in one row."""
+    @property
+    def room(self) -> float:
+        """Width of the legend relative to that of the curves, in a row of two plots."""
         if not self.names:
             return 0.0
-        legend, plot = _BESIDE_PX + _LETTER_PX * max(map(len, self.names)), _PLOT_PX * (1.0 if views > 1 else 1.6)
-        return legend / max(plot - legend, 0.25 * plot)
+        letters = min(max(map(len, self.names)), _MOST_LETTERS)
+        legend = _BESIDE_PX + _LETTER_PX * letters
+        return legend / max(_PLOT_PX - legend, 0.25 * _PLOT_PX)
 
 
 def blueprint(contents: Contents, opening: Opening | None) -> rrb.Blueprint:
@@ -127,38 +145,51 @@ def _selection(time_range: TimeRange) -> rr.encodings.AbsoluteTimeRange:
 
 
 def _event_columns() -> rrb.TextLogColumns:
-    """Columns of time and text; the entity is always the same."""
-    return rrb.TextLogColumns(timeline_columns=[TIMELINE], text_log_columns=["body"])
+    """The text, which begins with the time; the entity is always the same."""
+    without_time = rrb.encodings.TimelineColumn(TIMELINE, visible=False)
+    return rrb.TextLogColumns(timeline_columns=[without_time], text_log_columns=["body"])
 
 
 def _tabs(contents: Contents, opening: Opening | None) -> list[rrb.Container]:
     whole = TimeRange(0.0, opening.end_s) if opening is not None else None
     close_up = opening.close_up if opening is not None else None
-    tabs = [_in_two_columns("Overview", _overview(contents), whole)]
-    if close_up is not None:
-        tabs.append(_in_two_columns("Close-up of the events", _overview(contents), close_up))
+    overview = _overview(contents)
+    tabs = {"Overview": overview}
     for name, parent in (("Joints", JOINTS), ("Thrusters and base", BASE)):
-        if efforts := _efforts(contents.plots, parent):
-            tabs.append(_in_two_columns(name, efforts, whole))
+        tabs[name] = _efforts(contents, parent)
     for name, plotted in contents.sensing.items():
-        tabs.append(_in_two_columns(name, [_titled(plot) for plot in plotted], whole))
-    return tabs
+        tabs[name] = [_titled(plot, contents) for plot in contents.shown(plotted)]
+    # All plots have one time axis, with room for the widest legend after the curves.
+    room = max(curves.room for plotted in tabs.values() for curves in plotted)
+    made = [_in_two_columns(name, plotted, whole, room) for name, plotted in tabs.items() if plotted]
+    if close_up is not None:
+        made.insert(1, _in_two_columns("Close-up of the events", overview, close_up, room))
+    return made
 
 
-def _titled(plot: Plot) -> _Curves:
-    return _Curves(plot.entity, plot.title + (f" [{plot.unit}]" if plot.unit else ""), plot.names)
+def _titled(plot: Plot, contents: Contents) -> _Curves:
+    title = plot.title + (f" [{plot.unit}]" if plot.unit else "")
+    return _Curves(plot.entity, title, plot.names, _y_range(plot, contents))
 
 
-def _in_two_columns(name: str, plotted: Sequence[_Curves], time_range: TimeRange | None) -> rrb.Container:
+def _y_range(plot: Plot, contents: Contents) -> tuple[float, float] | None:
+    """Range of the curves of a plot with limits; None for others, whose range the viewer follows."""
+    extent = contents.extents.get(plot.entity)
+    return extent.y_range if plot.limits and extent is not None else None
+
+
+def _in_two_columns(name: str, plotted: Sequence[_Curves], time_range: TimeRange | None, room: float) -> rrb.Container:
     """Views in two columns; the last one of an odd number is as wide as both."""
     rows = (plotted[first : first + 2] for first in range(0, len(plotted), 2))
-    views = ([_series(curves, time_range, len(row)) for curves in row] for row in rows)
+    views = ([_series(curves, time_range, room) for curves in row] for row in rows)
     return rrb.Vertical(*(rrb.Horizontal(*row) if len(row) > 1 else row[0] for row in views), name=name)
 
 
 def _overview(contents: Contents) -> list[_Curves]:
+    plots = contents.shown(contents.plots)
+
     def names(origin: str) -> list[str]:
-        return [name for plot in contents.plots if plot.entity.startswith(origin) for name in plot.names]
+        return [name for plot in plots if plot.entity.startswith(origin) for name in plot.names]
 
     overview = [
         _Curves("plots/energy", "Kinetic energy [J]", names("plots/energy")),
@@ -173,21 +204,33 @@ def _overview(contents: Contents) -> list[_Curves]:
     return tip + [curves for curves in overview if curves.names]
 
 
-def _efforts(plots: Sequence[Plot], parent: str) -> list[_Curves]:
+def _efforts(contents: Contents, parent: str) -> list[_Curves]:
     return [
-        _Curves(plot.entity, f"{plot.names[-1]} [{plot.unit}] and its bounds")
-        for plot in plots
+        _Curves(plot.entity, f"{plot.names[-1]} [{plot.unit}]{_bounds(plot, contents)}", (), _y_range(plot, contents))
+        for plot in contents.shown(contents.plots)
         if plot.entity.startswith(f"{parent}/")
     ]
 
 
-def _series(curves: _Curves, time_range: TimeRange | None, views: int) -> rrb.TimeSeriesView:
-    """Curves over a time range, with room for the legend after it; over the whole run for a stream."""
+def _bounds(plot: Plot, contents: Contents) -> str:
+    """What the title says of bounds: where they are if none of them is in the range of the plot."""
+    extent = contents.extents.get(plot.entity)
+    if extent is None:
+        return " and its bounds"
+    if not math.isfinite(extent.limit):
+        return ""
+    is_shown = extent.limit <= max(map(abs, extent.y_range))
+    return " and its bounds" if is_shown else f", bounds {extent.limit:.3g} or more"
+
+
+def _series(curves: _Curves, time_range: TimeRange | None, room: float) -> rrb.TimeSeriesView:
+    """Curves over a time range, with room for legends after it; over the whole run for a stream."""
     return rrb.TimeSeriesView(
         origin=f"/{curves.origin}",
         name=curves.title,
         plot_legend=_LEGEND if curves.names else _NO_LEGEND,
-        axis_x=None if time_range is None else _time_axis(time_range, curves.room(views)),
+        axis_x=None if time_range is None else _time_axis(time_range, room),
+        axis_y=None if curves.y_range is None else rrb.ScalarAxis(range=curves.y_range),
     )
 
 

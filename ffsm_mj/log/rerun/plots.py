@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -43,6 +43,8 @@ _COLOURS = {
 _USE_COLOURS = (ORANGE, SKY, GREEN, PURPLE, VERMILION, BLUE)
 JOINTS, BASE = "plots/joints", "plots/base"
 """Parent entities of the efforts of joint motors, and of thrusters and ideal base torques."""
+_MARGIN = 0.08
+"""Margin of the y axis relative to the range of the curves."""
 _LEAST = 1e-18
 """Least value on a logarithmic axis, far below rounding."""
 FORCES = "plots/contact_forces"
@@ -92,6 +94,7 @@ class Plot:
         title: Title without the unit; empty if the layout gives one.
         widths: Width of each curve in points; none: the usual one.
         factors: Factor of each column; none: 1.
+        limits: Places of the curves that are limits of the others; they do not drive the range of the y axis.
     """
 
     entity: str
@@ -103,6 +106,7 @@ class Plot:
     title: str = ""
     widths: Sequence[float] = ()
     factors: Sequence[float] = ()
+    limits: Sequence[int] = ()
 
     def values(self, rows: FloatArray) -> FloatArray:
         """Values to show for some rows, (n, number of curves)."""
@@ -110,6 +114,40 @@ class Plot:
         if self.factors:
             values = values * np.array(self.factors)
         return np.log10(np.maximum(np.abs(values), _LEAST)) if self.logarithmic else values
+
+
+@dataclass
+class Extent:
+    """Range of the curves of a plot, limits aside.
+
+    Attributes:
+        low: Least value.
+        high: Greatest value.
+        limit: Least magnitude of the limits; infinite without any.
+        is_empty: Whether no curve has shown anything but zero.
+    """
+
+    low: float = math.inf
+    high: float = -math.inf
+    limit: float = math.inf
+    is_empty: bool = True
+
+    def add(self, plot: Plot, values: FloatArray) -> None:
+        """Take the next values of a plot, (n, number of curves)."""
+        is_limit = np.isin(np.arange(values.shape[1]), plot.limits)
+        curves = values[:, ~is_limit]
+        curves = curves[np.isfinite(curves)]
+        if curves.size:
+            self.low, self.high = min(self.low, float(curves.min())), max(self.high, float(curves.max()))
+        zero = math.log10(_LEAST) if plot.logarithmic else 0.0
+        self.is_empty = self.is_empty and not np.any(curves != zero)
+        self.limit = min(self.limit, float(np.nanmin(np.abs(values[:, is_limit]), initial=math.inf)))
+
+    @property
+    def y_range(self) -> tuple[float, float]:
+        """Range of a y axis with a margin."""
+        span = self.high - self.low or abs(self.high) or 1.0
+        return self.low - _MARGIN * span, self.high + _MARGIN * span
 
 
 def plots(layout: Layout, system: System, metadata: Mapping[str, str]) -> list[Plot]:
@@ -146,7 +184,7 @@ def _momenta(index: Mapping[str, int], metadata: Mapping[str, str], subsystems: 
             components = [c for c in _free(metadata, subsystem) if c.startswith(letter)]
             colours = [_COLOURS[subsystem]["xyz".index(c[2])] for c in components]
             columns = [index[f"momentum.{subsystem}_{c}"] for c in components]
-            names = [f"{subsystem} {c[:3]}" for c in components]
+            names = [f"{subsystem} {c[2]}" for c in components]
             if components:
                 groups.append(Plot(f"plots/{kind}_momentum/{subsystem}", columns, names, colours))
     return groups
@@ -167,7 +205,7 @@ def _efforts(layout: Layout, system: System) -> list[Plot]:
         columns = [layout.index[effort_key(layout, name, what)] for what in ("lower", "upper", "applied")]
         entity = f"{BASE if external[i] else JOINTS}/{identifier(name)}"
         names, unit = ["lower bound", "upper bound", name.rsplit("/", 1)[-1]], layout.signals[columns[-1]].unit
-        groups.append(Plot(entity, columns, names, [GREY, GREY, ORANGE], unit))
+        groups.append(Plot(entity, columns, names, [GREY, GREY, ORANGE], unit, limits=(0, 1)))
     return groups
 
 
@@ -247,11 +285,10 @@ def _error(entity: str, columns: EstimatedColumns, layout: Layout) -> Plot:
         title=f"Error of {columns.quantity}{', 3 sigma' if bounds else ''}",
         widths=[_USUAL] * count + [_THIN] * len(bounds),
         factors=[1.0] * count + [3.0] * len(columns.sigmas) + [-3.0] * len(columns.sigmas),
+        limits=range(count, count + len(bounds)),
     )
 
 
-_LANE_LETTERS = 80
-"""Number of letters across the lane in a window of 1200 pixels."""
 _PHASE_COLOURS = (BLUE, VERMILION, GREEN, PURPLE)
 """Dark enough for white letters; successive phases have different ones."""
 OFF = "off"
@@ -259,26 +296,12 @@ FIRING = {1: "fires +", 0: OFF, -1: "fires -"}
 """States of a thruster by the sign of its force."""
 
 
-def short_name(name: str, room: int) -> str:
-    """Name of a phase in at most ``room`` letters: the whole name, else its last word, else a blank."""
-    words = name.replace("_", " ")
-    return next((text for text in (words, words.rpartition(" ")[2]) if len(text) <= room), " ")
-
-
-def phase_looks(begins: Sequence[tuple[float, str]], end_s: float) -> rr.StateConfiguration:
-    """Labels and colours of phases.
-
-    Args:
-        begins: Start time in s and name of each phase, in order.
-        end_s: End of the run, s.
-    """
-    room: dict[str, int] = {}
-    for (start_s, name), (stop_s, _) in pairwise([*begins, (end_s, "")]):
-        letters = int(_LANE_LETTERS * (stop_s - start_s) / end_s) - 1 if end_s > 0.0 else 0
-        room[name] = min(letters, room.get(name, letters))
-    labels = [short_name(name, letters) for name, letters in room.items()]
-    colours = [_PHASE_COLOURS[i % len(_PHASE_COLOURS)] for i in range(len(room))]
-    return rr.StateConfiguration(values=list(room), labels=labels, colors=colours)
+def phase_looks(names: Sequence[str]) -> rr.StateConfiguration:
+    """Labels and colours of phases by their names, in order."""
+    known = list(dict.fromkeys(names))
+    labels = [name.replace("_", " ") for name in known]
+    colours = [_PHASE_COLOURS[i % len(_PHASE_COLOURS)] for i in range(len(known))]
+    return rr.StateConfiguration(values=known, labels=labels, colors=colours)
 
 
 def thruster_looks() -> rr.StateConfiguration:

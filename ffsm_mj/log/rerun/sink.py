@@ -32,6 +32,7 @@ from ffsm_mj.log.recorder import Sink
 from ffsm_mj.log.rerun.layout import FOLLOWED, Contents, Framing, Opening, blueprint
 from ffsm_mj.log.rerun.plots import (
     FIRING,
+    Extent,
     Lanes,
     Recording,
     Switching,
@@ -96,6 +97,7 @@ class RerunSink(Sink):
         self._ghosts = Ghosts(self._recording, self._system, layout)
         self._orbit = OrbitFrame(self._recording, layout, self._scale)
         self._curves = [*self._plots, *(plot for tab in self._sensing.values() for plot in tab)]
+        self._extents = {plot.entity: Extent() for plot in self._curves}
         for plot in self._curves:
             widths = list(plot.widths) or [1.5] * len(plot.names)
             self._recording.constant(plot.entity, rr.SeriesLines(names=plot.names, colors=plot.colours, widths=widths))
@@ -111,7 +113,7 @@ class RerunSink(Sink):
         self._colours = {self._system.robot.name: ROBOT_ON_DARK} | objects | {"tip": TIP_BEFORE_ON_DARK}
         self._opening = Opening(self._system)
         self._marks = Marks(self._at, self._opening, self._scale)
-        self._framed, self._states = False, dict[str, list[tuple[float, str]]]()
+        self._framed, self._states = False, dict[str, list[str]]()
 
     def _connect(self) -> None:
         if isinstance(self._output, str):
@@ -182,6 +184,7 @@ class RerunSink(Sink):
             framing=framing,
             plots=self._plots,
             sensing=self._sensing,
+            extents={} if self._streams else self._extents,
             trails=list(self._colours),
             tip=self._target is not None,
             forces=acting(torques=False),
@@ -228,6 +231,7 @@ class RerunSink(Sink):
     def _lines(self, frames: Frames, index: Any) -> None:
         for plot in self._curves:
             values = plot.values(frames.rows)
+            self._extents[plot.entity].add(plot, values)
             flat = rr.Scalars.columns(scalars=values.ravel()).partition(np.full(len(values), len(plot.columns)))
             self._recording.send(plot.entity, index, flat)
 
@@ -239,13 +243,16 @@ class RerunSink(Sink):
         if kind.state is not None:
             state = kind.state(event)
             self._at(time, f"states/{kind.name}", rr.StateChange.columns(state=[state]))
-            self._states.setdefault(kind.name, []).append((time, state))
+            self._states.setdefault(kind.name, []).append(state)
         self._marks.event(event)
 
     def _text(self, event: Event | OutcomeRecord) -> None:
         kind = kind_of(event)
-        text = rr.TextLog.columns(text=[kind.sentence(event)], level=["WARN" if kind.warning(event) else "INFO"])
-        self._at(kind.time(event), "events", text)
+        time = kind.time(event)
+        # The time is in the text: the viewer cuts it in a column of its own.
+        line = f"{time:.6f} s  {kind.sentence(event)}"
+        text = rr.TextLog.columns(text=[line], level=["WARN" if kind.warning(event) else "INFO"])
+        self._at(time, "events", text)
 
     def _at(self, time_s: float, path: str, columns: Any) -> None:
         """Send one value at one time."""
@@ -262,8 +269,8 @@ class RerunSink(Sink):
         self.flush()
         if outcome is not None:
             self._text(outcome)
-        for name, begins in self._states.items():
-            self._recording.constant(f"states/{name}", phase_looks(begins, self._opening.end_s))
+        for name, begun in self._states.items():
+            self._recording.constant(f"states/{name}", phase_looks(begun))
         if self._opening.has_frames and not self._streams:
             self._arrange(self._forces.begun)
         try:
