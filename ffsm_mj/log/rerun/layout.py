@@ -161,10 +161,10 @@ def _tabs(contents: Contents, opening: Opening | None) -> list[rrb.Container]:
         tabs[name] = [_titled(plot, contents) for plot in contents.shown(plotted)]
     # All plots have one time axis, with room for the widest legend after the curves.
     room = max(curves.room for plotted in tabs.values() for curves in plotted)
-    made = [_in_two_columns(name, plotted, whole, room) for name, plotted in tabs.items() if plotted]
+    tabbed = [_in_two_columns(name, plotted, whole, room) for name, plotted in tabs.items() if plotted]
     if close_up is not None:
-        made.insert(1, _in_two_columns("Close-up of the events", overview, close_up, room))
-    return made
+        tabbed.insert(1, _in_two_columns("Close-up of the events", overview, close_up, room))
+    return tabbed
 
 
 def _titled(plot: Plot, contents: Contents) -> _Curves:
