@@ -186,6 +186,11 @@ def one_line(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape", "surrogatepass").decode("ascii") for c in text)
 
 
+def plural(number: int, noun: str) -> str:
+    """A number with its noun: ``1 impact``, ``2 impacts``; irregular plurals are the caller's."""
+    return f"{number} {noun}{'s' * (number != 1)}"
+
+
 def printable(text: str) -> str:
     """Lines with everything escaped that a terminal could take for more than text; the line ends stay."""
     return text if text.replace("\n", "").isprintable() else "\n".join(map(one_line, text.split("\n")))

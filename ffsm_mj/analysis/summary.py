@@ -15,7 +15,7 @@ from ffsm_mj.analysis.intervals import ContactInterval
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.grasp.records import GRASP
 from ffsm_mj.errors import one_line
-from ffsm_mj.records.events import ImpactRecord
+from ffsm_mj.records.events import ImpactRecord, impact_count
 from ffsm_mj.records.kinds import all_fields
 from ffsm_mj.records.metadata import is_conservative, logged_models, logged_start_s, logged_task
 from ffsm_mj.records.run_log import RunLog
@@ -163,7 +163,7 @@ def card_text(log: RunLog, digest: Digest | None, checks: Sequence[Check]) -> st
     It must be fast. Checks, contacts and tip come from the digest of the rows, which exists after a simulation; for a log it
     takes a pass over the rows, which :class:`ffsm_mj.analysis.run.Run` makes for a card only if they are few.
     """
-    hits = len({record.event for record in log.impacts})
+    hits = impact_count(log.impacts)
     contacts = digest.contacts.intervals() if digest is not None else ()
     counts = [_counted(hits, "impact"), *([_counted(len(contacts), "persistent contact")] if contacts else [])]
     line = f"<Run {log.header.scenario_name}: {'; '.join((_outcome(log), *counts, _checks(log, digest, checks)))}"

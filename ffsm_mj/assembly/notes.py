@@ -34,7 +34,7 @@ from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
 from ffsm_mj.dynamics.loops.equalities import ConstrainedModel, equalities_of
 from ffsm_mj.dynamics.reach import Reach, reach_of
 from ffsm_mj.dynamics.stiff_actuators import StiffActuators
-from ffsm_mj.errors import described
+from ffsm_mj.errors import described, plural
 from ffsm_mj.hull import hull_offset
 from ffsm_mj.log.drawing import CheckedPair, InitialScene, NamedPoint
 from ffsm_mj.model.actuators import servo_mask
@@ -51,6 +51,8 @@ from ffsm_mj.tolerances import MECHANISM_RANK
 _SHOWN_M = 1e-4
 """Meshes whose convex hull is closer than this are not mentioned."""
 _MOST_MESHES = 6
+_MOST_NAMES = 4
+"""Pairs that a note names."""
 
 
 def rule_lines(contacts: Contacts) -> Iterator[str]:
@@ -69,7 +71,7 @@ def _sentence(rule: ContactRule, contacts: Contacts) -> str:
     friction += f", k_t / k_n = {1.0 / rule.compliance_ratio:.4g}" if rule.compliance_ratio else ""
     count = len(rule.geoms)
     pairs = [pair for pair in contacts.pairs if pair.rule == rule.name]
-    which = f"{pairs[0]}" if count == 1 and pairs else f"{count} pairs"
+    which = f"{pairs[0]}" if count == 1 and pairs else plural(count, "pair")
     lost = rule.matched - count
     left = f" ({lost} more ignored or in later rules)" if lost else ""
     return f"{rule.name}: e = {rule.restitution:g}{friction}, {which}{left}"
@@ -83,7 +85,7 @@ def cone_lines(contacts: Contacts, system: System) -> Iterator[str]:
         name, angle = system.mj.geom(geom).name, f"half angle {cone.half_angle_deg:g} deg"
         extent = f"from {cone.from_m:g} to {cone.length_m:g} m from the apex"
         inside = len({pair.geom_ids for pair in contacts.pairs if geom in pair.geom_ids})
-        met = f"{inside} geom{'s' * (inside != 1)} may touch it" if inside else "nothing touches it: no contact rule has it"
+        met = f"{plural(inside, 'geom')} may touch it" if inside else "nothing touches it: no contact rule has it"
         yield f"  {name}: {angle}, {extent}, mouth of radius {cone.mouth_radius_m:.4g} m; {met}"
 
 
@@ -93,7 +95,7 @@ def contact_notes(contacts: Contacts, system: System) -> Iterator[str]:
     yield from _left_out(contacts, system)
     reasons = Counter(contacts.unsupported.values())
     for reason, count in reasons.items():
-        yield f"the run ends where {'one of ' * (count > 1)}{count} pair{'s' * (count > 1)} meets: {reason}"
+        yield f"the run ends where {'one of ' * (count > 1)}{plural(count, 'pair')} meets: {reason}"
 
 
 def _filtered(contacts: Contacts, system: System) -> Iterator[str]:
@@ -111,9 +113,8 @@ def _left_out(contacts: Contacts, system: System) -> Iterator[str]:
     counts = Counter(tuple(sorted(number[int(system.mj.geom_bodyid[geom])] for geom in pair)) for pair in contacts.left_out)
     names = [model.name for model in system.models]
     if counts:
-        which = ", ".join(
-            f"{names[a]} with {'itself' if a == b else names[b]} ({count})" for (a, b), count in sorted(counts.items())
-        )
+        pairs = [f"{names[a]} with {'itself' if a == b else names[b]} ({count})" for (a, b), count in sorted(counts.items())]
+        which = _first_few(pairs)
         yield f"overlaps of other pairs are reported, not resolved (contacts.rules, contacts.ignored): {which}"
 
 
@@ -148,20 +149,21 @@ def unwatched_overlaps(assembly: Assembly) -> Iterator[tuple[str, str]]:
 
 
 def disarmed_pairs(assembly: Assembly) -> Iterator[str]:
-    """Pairs that cannot meet while a rigid grasp is closed."""
+    """Pairs with a contact rule that cannot meet while a rigid grasp is closed."""
     for contact_model in assembly.plant.integrator.sources:
         if isinstance(contact_model, GraspModel):
             for name, pairs in contact_model.disarmed.items():
-                if not pairs:
-                    continue
                 # A cone has a pair for each place of a geom.
                 named = {pair.geom_ids: pair for pair in reversed(assembly.pairs) if pair.geom_ids in pairs}
                 names = [pair.shared_name if isinstance(pair, ConePair) else pair.name for pair in reversed(named.values())]
-                others = len(pairs) - len(names)
-                yield (
-                    f"while {name!r} is closed, {len(pairs)} pairs of geoms are on one rigid body and cannot meet: "
-                    f"{', '.join([*names, *([f'{others} without a contact rule'] if others else [])]) or 'none'}"
-                )
+                if names:
+                    yield f"while {name!r} is closed, these pairs are on one rigid body and cannot meet: {_first_few(names)}"
+
+
+def _first_few(names: Sequence[str]) -> str:
+    """The first of some names, and how many more there are."""
+    more = [f"and {len(names) - _MOST_NAMES} more"] if len(names) > _MOST_NAMES else []
+    return ", ".join([*names[:_MOST_NAMES], *more])
 
 
 _NEAR = 1e-4
@@ -186,9 +188,10 @@ def _mechanism_lines(assembly: Assembly) -> list[str]:
     loops = _equalities(assembly)
     if loops is None:
         return []
-    rank, nv, count = loops.weighted().rank, assembly.system.mj.nv, len(loops.sources)
-    plural = "s" if count > 1 else ""
-    return [f"    {count} equality constraint{plural}: {loops.count} rows of rank {rank}, mobility {nv - rank}"]
+    rank, nv = loops.weighted().rank, assembly.system.mj.nv
+    return [
+        f"    {plural(len(loops.sources), 'equality constraint')}: {loops.count} rows of rank {rank}, mobility {nv - rank}"
+    ]
 
 
 def _equalities(assembly: Assembly) -> ClosedLoops | None:

@@ -18,7 +18,8 @@ def union_lines(contacts: Contacts, system: System) -> list[str]:
     lines = []
     for side in _sides(contacts):
         report = side.solid.report if side.solid else None
-        lines.append(f"    {rigid_body_name(system, side.body)}: {len(side.pieces)} pieces{f'; {report}' if report else ''}")
+        welded = f"; {report}" if report and report.merged else ""
+        lines.append(f"    {rigid_body_name(system, side.body)}: {len(side.pieces)} pieces{welded}")
     return ["  unions of convex pieces", *lines] if lines else []
 
 

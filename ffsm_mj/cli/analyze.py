@@ -14,7 +14,7 @@ from ffsm_mj.cli.exit_codes import CHECK_FAILED, DAMAGED, OK, TRUNCATED
 from ffsm_mj.cli.progress import Report, Stage
 from ffsm_mj.cli.standard_streams import Output
 from ffsm_mj.cli.truncation import PATIENCE, explained_checks
-from ffsm_mj.errors import InputError, unknown_name, working_on
+from ffsm_mj.errors import InputError, plural, unknown_name, working_on
 from ffsm_mj.invocation import command
 from ffsm_mj.replay import replay_log
 from ffsm_mj.report.comparison_report import comparison_report
@@ -84,7 +84,7 @@ def _analyze(options: argparse.Namespace, output: Output, stage: Stage) -> int:
             (TRUNCATED, "; truncation of the step: "),
         )
         rest = "".join(head + ", ".join(by_code[code]) for code, head in words if by_code[code])
-        output.say(f"{len(by_code[OK])} of {len(names)} runs verified{rest}")
+        output.say(f"{len(by_code[OK])} of {plural(len(names), 'run')} verified{rest}")
     if options.compare:
         _compare(kept, output, stage)
     if options.plots and several:

@@ -9,7 +9,7 @@ from pathlib import Path
 from ffsm_mj.cli.exit_codes import OK, RUN_FAILED
 from ffsm_mj.cli.progress import Stage, lines_of_runs
 from ffsm_mj.cli.standard_streams import Output, complain
-from ffsm_mj.errors import InputError, one_line, working_on
+from ffsm_mj.errors import InputError, one_line, plural, working_on
 from ffsm_mj.experiments.campaign import Campaign
 from ffsm_mj.experiments.driver import NoWorkersLeftError
 from ffsm_mj.experiments.folder import RERUNS
@@ -70,6 +70,10 @@ def _extend(options: argparse.Namespace, output: Output, stage: Stage) -> int:
 def _make(campaign: Campaign, options: argparse.Namespace, output: Output, stage: Stage) -> int:
     """Execute the remaining runs, then write the logs that the campaign file asks for."""
     name, folder = campaign.config.campaign, campaign.folder.path
+    before = campaign.status()
+    if before.left:
+        of = f" of {before.runs}" if before.done else ""
+        output.say(f"{name}: {plural(before.left, 'run')}{of} to do{_of_variants(before)}")
     report = stage(name, "runs") or lines_of_runs(name, complain)
     try:
         status = campaign.run(
@@ -80,7 +84,7 @@ def _make(campaign: Campaign, options: argparse.Namespace, output: Output, stage
         return RUN_FAILED
     except KeyboardInterrupt:
         _say_status(campaign.status(), output)
-        output.say(f"continue: {_continuation(campaign, options)}")
+        output.command(_continuation(campaign, options), "continue: ")
         raise
     _say_results(campaign, status, output)
     if status.stopped:
@@ -89,10 +93,14 @@ def _make(campaign: Campaign, options: argparse.Namespace, output: Output, stage
     if status.enough:
         output.say(f"ended early: {status.enough}")
     codes = [_write_logs(part, output, stage) for part in campaign.variants.values() or [campaign]]
-    output.say(f"report: {command('campaign', 'report', folder)}")
+    output.command(command("campaign", "report", folder), "report: ")
     which = ["--variant", next(iter(campaign.variants))] if campaign.variants else []
-    output.say(f"repeat a run and write its log: {command('campaign', 'rerun', folder, 0, *which)}")
+    output.command(command("campaign", "rerun", folder, 0, *which), "repeat a run and write its log: ")
     return max(codes)
+
+
+def _of_variants(status: Status) -> str:
+    return f", of {plural(len(status.variants), 'variant')}" if status.variants else ""
 
 
 def _continuation(campaign: Campaign, options: argparse.Namespace) -> str:
@@ -126,7 +134,7 @@ def _write_logs(campaign: Campaign, output: Output, stage: Stage) -> int:
             output.say(f"{campaign.folder.rerun(index)}: {again.verdict}")
         if report is not None:
             report(done, len(wanted))
-    count = f"{len(wanted)} run{'s' if len(wanted) > 1 else ''}"
+    count = plural(len(wanted), "run")
     verdict = f"{different} of {count} differ from their rows" if different else f"{count}, which agree with their rows"
     output.say(f"logs kept: {campaign.folder.path / RERUNS} ({verdict})")
     return RUN_FAILED if different else OK
@@ -151,15 +159,14 @@ def _say_status(status: Status, output: Output) -> None:
             _say_status(part, output)
         return
     outcomes = ", ".join(f"{count} {one_line(name)}" for name, count in status.outcomes.items())
-    output.say(
-        f"{status.name}: {status.done} of {status.runs} runs{f' ({outcomes})' if outcomes else ''}, {status.failed} failed"
-    )
+    shown, failed = f" ({outcomes})" if outcomes else "", f", {status.failed} failed" if status.failed else ""
+    output.say(f"{status.name}: {status.done} of {plural(status.runs, 'run')}{shown}{failed}")
     for message in status.messages:
         output.say(f"  {one_line(message)}")
     if status.failed > len(status.messages):
         output.say(f"  and {status.failed - len(status.messages)} more")
     for check in status.checks:
-        runs = f"{check.runs} run{'s' if check.runs > 1 else ''}"
+        runs = plural(check.runs, "run")
         worst = f"at worst {check.excess:.3g} times its tolerance, run {check.worst}"
         output.say(f"  check fails in {runs}: {one_line(check.name)}, {worst}")
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ffsm_mj.cli.exit_codes import OK
 from ffsm_mj.cli.standard_streams import Output
-from ffsm_mj.errors import InputError, working_on
+from ffsm_mj.errors import InputError, plural, working_on
 from ffsm_mj.report.output_place import usable_file
 
 _SUFFIX = ".fmu"
@@ -34,7 +34,7 @@ def fmu(options: argparse.Namespace, output: Output) -> int:
         stage(f"write {file}")
         unit = write_unit(scenario, file)
     counts = Counter(port.causality for port in unit.ports)
-    kinds = ", ".join(f"{counts[kind]} {kind}{'s' * (counts[kind] != 1)}" for kind in ("input", "output", "parameter"))
+    kinds = ", ".join(plural(counts[kind], kind) for kind in ("input", "output", "parameter"))
     output.say(f"{file}: FMI 2.0 co-simulation, {kinds}; steps are multiples of {unit.period_s:g} s")
     output.say("its host is a Python with ffsm-mj; the binaries of PythonFMU are for Linux and Windows on x86-64")
     return OK

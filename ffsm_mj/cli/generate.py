@@ -20,7 +20,10 @@ def new(options: argparse.Namespace, output: Output) -> int:
     with output.progress() as stage:
         lines = (_new_scene if options.scene else _new_robot)(options, stage)
     for line in lines:
-        (output.write if line.startswith("next: ") else output.say)(line)
+        if line.startswith("next: "):
+            output.command(line.removeprefix("next: "), "next: ")
+        else:
+            output.say(line)
     return OK
 
 
@@ -78,5 +81,5 @@ def new_law(options: argparse.Namespace, output: Output) -> int:
     output.say(f"files in {home}: {', '.join(written)}")
     output.say("next:")
     for line in next_commands(home, options.name):
-        output.write(f"  {line}")
+        output.command(line, "  ")
     return OK

@@ -50,7 +50,7 @@ def impact_map(options: argparse.Namespace, output: Output) -> int:
     again = [word for text in kept for word in ("-s", text)]
     output.say(f"a run of the best configuration differs from the map by {apart:.2g} in the jump of velocities")
     output.say(f"files in {folder}: {', '.join(sorted(path.name for path in files))}")
-    output.write(f"run it: {command('run', folder / BEST, *again)}")
+    output.command(command("run", folder / BEST, *again), "run it: ")
     return OK
 
 

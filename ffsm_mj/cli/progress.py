@@ -6,6 +6,8 @@ import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 
+from ffsm_mj.errors import plural
+
 Report = Callable[[float, float], None]
 """Callback (amount done, total amount), called as often as convenient."""
 Stage = Callable[..., Report | None]
@@ -48,6 +50,6 @@ def lines_of_runs(name: str, complain: Callable[[str], None]) -> Report:
         due = now + _LINE_EVERY_S
         per_s = (done - first) / (now - begun)
         left = f", {(total - done) / per_s / 60.0:.0f} min left" if per_s > 0.0 else ""
-        complain(f"{name}: {done:.0f} of {total:.0f} runs, {per_s * 60.0:.0f} a minute{left}")
+        complain(f"{name}: {done:.0f} of {plural(round(total), 'run')}, {per_s * 60.0:.0f} a minute{left}")
 
     return report

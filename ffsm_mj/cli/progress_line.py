@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 
@@ -15,7 +16,7 @@ from ffsm_mj.errors import one_line
 _PATIENCE_S = 0.4
 """A stage that takes less time than this shows no line."""
 _WINDOW_S = 8.0
-"""The remaining time follows from the rate over this time: a run has slow parts, such as series of impacts."""
+"""The remaining time of a run follows from the rate over this time: it has slow parts, such as series of impacts."""
 _LEAST_CELLS = 60
 """A narrower terminal shows the percentage and the name of the stage alone."""
 
@@ -25,8 +26,39 @@ def _text(template: str) -> rich.TextColumn:
     return rich.TextColumn(template, markup=False, table_column=Column(no_wrap=True, overflow="crop"))
 
 
+class _Pace:
+    """Remaining time of a stage that counts, such as the runs of a campaign: its mean rate since its first report.
+
+    Between two reports it counts down, so that it is steady however seldom something is done.
+    """
+
+    def __init__(self) -> None:
+        """Begin without reports."""
+        self._first: tuple[float, float] | None = None
+        self._last = 0.0, 0.0
+
+    def add(self, done: float) -> None:
+        """Note an amount that is done."""
+        now = time.monotonic()
+        self._first = self._first or (done, now)
+        if done != self._last[0]:
+            self._last = done, now
+
+    def left(self, total: float) -> str:
+        """Remaining time; unknown until something was done after the first report."""
+        if self._first is None or self._last[0] <= self._first[0]:
+            return "-:--"
+        (begun, begun_s), (done, done_s) = self._first, self._last
+        left_s = (total - done) * (done_s - begun_s) / (done - begun) - (time.monotonic() - done_s)
+        minutes, seconds = divmod(round(max(left_s, 0.0)), 60)
+        hours, minutes = divmod(minutes, 60)
+        return f"{hours}:{minutes:02}:{seconds:02}" if hours else f"{minutes:02}:{seconds:02}"
+
+
 _NAME, _AMOUNT = "{task.description}", "{task.completed:.{task.fields[digits]}f} of {task.total:g} {task.fields[unit]}"
-_COUNTED = (_text(_NAME), rich.BarColumn(), _text(_AMOUNT), rich.TimeRemainingColumn(compact=True), _text("left"))
+_HEAD = (_text(_NAME), rich.BarColumn(), _text(_AMOUNT))
+_SIMULATED = (*_HEAD, rich.TimeRemainingColumn(compact=True), _text("left"))
+_COUNTED = (*_HEAD, _text("{task.fields[left]} left"))
 _UNCOUNTED = (_text(_NAME), rich.BarColumn(), rich.TimeElapsedColumn())
 
 
@@ -39,6 +71,7 @@ class ProgressLine(rich.Progress, Progress):
     def __init__(self) -> None:
         """Start without a stage; nothing is displayed yet."""
         self._reported: tuple[float, float | None] = 0.0, None
+        self._pace = _Pace()
         # stdout carries the command's result: rich must not redirect it to print above the line.
         console = Console(stderr=True)
         super().__init__(console=console, transient=True, redirect_stdout=False, speed_estimate_period=_WINDOW_S)
@@ -48,12 +81,14 @@ class ProgressLine(rich.Progress, Progress):
         with suppress(OSError):
             for task in self.task_ids:
                 self.remove_task(task)
-            self._reported = 0.0, total
-            self.add_task(one_line(name), visible=False, total=total, unit=unit, digits=1 if unit == "s" else 0)
+            self._reported, pace = (0.0, total), _Pace()
+            self._pace = pace
+            self.add_task(one_line(name), visible=False, total=total, unit=unit, digits=1 if unit == "s" else 0, left="")
             self.start()
 
         def report(done: float, total: float) -> None:
             self._reported = done, total
+            pace.add(done)
 
         return report
 
@@ -78,8 +113,10 @@ class ProgressLine(rich.Progress, Progress):
         for task in self.tasks:
             # Once all that was counted is done, the stage may still go on: the bar pulses.
             task.total = None if total is None or done >= total else total
-            self.update(task.id, completed=done, visible=(task.elapsed or 0.0) >= _PATIENCE_S)
-            self.columns = _COUNTED if task.total is not None else _UNCOUNTED
+            left = "" if task.total is None else self._pace.left(task.total)
+            self.update(task.id, completed=done, visible=(task.elapsed or 0.0) >= _PATIENCE_S, left=left)
+            of = _SIMULATED if task.fields["unit"] == "s" else _COUNTED
+            self.columns = of if task.total is not None else _UNCOUNTED
             if self.console.width < _LEAST_CELLS:
                 self.columns = (_text(("{task.percentage:.0f} %  " if task.total is not None else "") + _NAME),)
         return super().get_renderables()

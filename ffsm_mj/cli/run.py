@@ -152,7 +152,8 @@ def _summarise(
     for sentence in said:
         output.say(sentence)
     output.say(f"files in {folder.path}: {', '.join(sorted(p.name for p in folder.path.iterdir()))}")
-    output.write(f"view:   {command('view', folder.path)}\nverify: {command('analyze', folder.path)}")
+    output.command(command("view", folder.path), "view:   ")
+    output.command(command("analyze", folder.path), "verify: ")
     if run.outcome != "completed":
         complain(f"{run.outcome}: {run.message}")
         return INTERRUPTED if run.outcome == "interrupted" else RUN_FAILED

@@ -16,11 +16,11 @@ from typing import TextIO
 
 from ffsm_mj.cli.progress import Progress, Stage
 from ffsm_mj.errors import one_line, printable
-from ffsm_mj.report.terminal import wrapped
+from ffsm_mj.report.terminal import FOLD, wrapped, wrapped_command
 
 _COLOURS = (
     (re.compile(r"\b(FAILED|DAMAGED|NOT VERIFIED|DO NOT AGREE)\b|^(damaged|incomplete|[a-z_]+_failed|diverged): "), "1;31"),
-    (re.compile(r"truncation$|\bby the truncation of the step alone\b"), "33"),
+    (re.compile(rf"truncation($|{FOLD})|\bby the truncation of the step alone\b"), "33"),
     (re.compile(r"^all \d+ checks pass"), "32"),
 )
 """Colours of lines by their text: what fails is in capitals, so that it is seen without colours too."""
@@ -83,7 +83,11 @@ class Output:
 
     def say(self, text: str) -> None:
         """Print lines of prose and tables, on a terminal wrapped at its width; control characters are escaped."""
-        self._print("\n".join(_coloured(line, wrapped(line), sys.stdout) for line in printable(text).split("\n")))
+        self._print("\n".join(_coloured(line, wrapped(line), sys.stdout) for line in _rows(text)))
+
+    def command(self, command: str, label: str = "") -> None:
+        """Print a command after a label; on a narrow terminal it goes on in further lines, to be copied as a whole."""
+        self._print(wrapped_command(label, one_line(command)))
 
     def write(self, text: str) -> None:
         """Print data and commands, whose lines are as they are on a terminal too; control characters are escaped."""
@@ -100,6 +104,11 @@ class Output:
             if error.errno not in _GONE:
                 self.lost = error.strerror or str(error)
             _silence(1)
+
+
+def _rows(text: str) -> list[str]:
+    """Lines, and rows of tables with all of their lines, with control characters escaped."""
+    return [FOLD.join(map(one_line, row.split(FOLD))) for row in text.split("\n")]
 
 
 def complain(text: str) -> None:

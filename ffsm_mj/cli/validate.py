@@ -11,7 +11,7 @@ from ffsm_mj.cli.exit_codes import CHECK_FAILED, OK
 from ffsm_mj.cli.measured import validate_measured
 from ffsm_mj.cli.progress import Stage
 from ffsm_mj.cli.standard_streams import Output, complain
-from ffsm_mj.errors import InputError, unknown_name
+from ffsm_mj.errors import InputError, plural, unknown_name
 from ffsm_mj.report.output_place import new_file, usable_folder
 from ffsm_mj.report.terminal import table
 from ffsm_mj.validation.case import ComparedCase, ValidationCase, Verdict, compared_case
@@ -69,7 +69,8 @@ def validate(options: argparse.Namespace, output: Output) -> int:
     for page, line in stale:
         complain(f"{folder / page}: {line}")
     if committed:
-        output.say(f"\n{folder}: {f'{len(stale)} lines are not current' if stale else 'current'}")
+        old = f"{plural(len(stale), 'line')} not current"
+        output.say(f"\n{folder}: {old if stale else 'current'}")
     return CHECK_FAILED if stale or any(case.verdict is Verdict.DIFFERS for case in compared) else OK
 
 

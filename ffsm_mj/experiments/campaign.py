@@ -276,7 +276,8 @@ class Campaign:
             workers: Number of processes; None: that of the campaign file, else one per processor.
             dask: Address of a Dask scheduler to use instead.
             retry: Outcomes of :data:`ffsm_mj.experiments.store.RETRIED` whose runs are repeated.
-            report: Called with (number of rows, number of runs) after every batch, as :func:`ffsm_mj.progress` likes it.
+            report: Called with (number of rows, number of runs) at the start and after every batch, as
+                :func:`ffsm_mj.progress` likes it.
 
         Returns:
             Progress of the campaign.
@@ -314,6 +315,8 @@ class Campaign:
                 if report is not None:
                     report(finished, total)
 
+            if report is not None:
+                report(finished, total)
             if not stopping.ends():
                 Driver(workers, self._job(exclusive=workers.exclusive_processes), store_rows, stopping.ends).drive(left)
         status = self.status()

@@ -175,6 +175,8 @@ _EXACT = 1 << 53
 Scalar = float | int | str | bool | None
 
 _DRIFTING = CHECK_NAMES[:3]
+IMPACTS = "impacts.count"
+"""Metric of every run: the number of its impacts; contacts at one instant are one impact."""
 COUNT = "count"
 """Runs whose checks fail by the truncation of the step alone pass; with ``fail`` they do not."""
 _ALWAYS = (
@@ -260,7 +262,7 @@ def metric_values(
             values[name] = _scalar(name, _effort_of_several(summary["effort"] or {}, name))
         else:
             values[name] = _scalar(name, value_at(summary, name))
-    return of_checks | {"impacts.count": len(summary["impacts"])} | values
+    return of_checks | {IMPACTS: value_at(summary, IMPACTS)} | values
 
 
 def _script_value(name: str, function: Callable[[Run], Any], run: Run) -> dict[str, Scalar]:
@@ -287,6 +289,8 @@ def _effort_of_several(effort: Mapping[str, Mapping[str, float | None]], name: s
 
 def value_at(summary: Any, name: str) -> Any:
     """Value at a dotted path; None if the run has none."""
+    if name == IMPACTS:  # contacts at one instant are one impact
+        return len({contact["event"] for contact in summary.get("impacts", ())})
     for part in name.split("."):
         if isinstance(summary, Mapping):
             summary = summary.get(part)

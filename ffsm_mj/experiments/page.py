@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.errors import plural
 from ffsm_mj.experiments.comparison import LEAST_RUNS, PairedDifference, VariantComparison, VariantPair
 from ffsm_mj.experiments.results import GOOD, SUCCESS, Results, VariantResults, finite, numbers
 from ffsm_mj.experiments.sentences import sentences_of
@@ -57,7 +58,7 @@ def report_page(results: VariantResults, comparison: VariantComparison | None, f
     """
     config, first = results.config, next(iter(results.variants.values()))
     if comparison is None and first.frame.empty:
-        return f"# {escaped(config.campaign)}\n\n0 of {first.runs} runs have a result.\n"
+        return f"# {escaped(config.campaign)}\n\n0 of {plural(first.runs, 'run')} have a result.\n"
     sentences = sentences_of(first, config.conditions) if comparison is None else comparison.sentences()
     parts = [
         f"# {escaped(config.campaign)}",
@@ -102,11 +103,11 @@ def _head(results: VariantResults) -> str:
     finished, total = (
         sum(of(part) for part in results.variants.values()) for of in (lambda r: len(r.frame), lambda r: r.runs)
     )
-    runs = f"{len(results.variants)} variants of {first.runs} runs" if several else f"{total} runs"
+    runs = f"{plural(len(results.variants), 'variant')} of {plural(first.runs, 'run')}" if several else plural(total, "run")
     if finished < total:
-        runs = f"{runs}, {finished} of {total} made" if several else f"{finished} of {total} runs"
+        runs = f"{runs}, {finished} of {total} made" if several else f"{finished} of {plural(total, 'run')}"
     same = ", the same for all variants" if several else ""
-    sentences = [f"{runs}, samples of kind `{first.kind}`, {len(first.parameters)} parameters{same}."]
+    sentences = [f"{runs}, samples of kind `{first.kind}`, {plural(len(first.parameters), 'parameter')}{same}."]
     if results.config.success is not None:
         sentences.append(f"A run is a success if {code(results.config.success)} and its checks pass.")
     sentences.append(f"Confidence intervals are two-sided, {100 * CONFIDENCE:g} %.")

@@ -11,7 +11,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from ffsm_mj.assembly.prepare import PreparedRun, Scenario, prepare, scenario_of
-from ffsm_mj.errors import Fault, InputError, ScenarioFaults
+from ffsm_mj.errors import Fault, InputError, ScenarioFaults, plural
 from ffsm_mj.experiments.bindings import Targets, bind_dispersions, extreme_rows, override_faults, refuse_wrong_rows
 from ffsm_mj.experiments.design import EXTENDABLE, Binding, Design, refuse_levels, sample_design, scalars_of
 from ffsm_mj.experiments.distributions import SampledScalar
@@ -393,7 +393,7 @@ def described(plan: Plan | VariantsPlan) -> list[str]:
     width = max(map(len, config.variants))
     lines = [
         f"{config.campaign}: valid",
-        f"  {len(plan.variants)} variants of {len(design.rows)} runs each, with the same samples",
+        f"  {plural(len(plan.variants), 'variant')} of {plural(len(design.rows), 'run')} each, with the same samples",
     ]
     for name, variant in config.variants.items():
         changes = [f"{key} = {_kind(value)}" for key, value in variant.overrides_after({}).items()]
@@ -416,7 +416,9 @@ def _kind(value: object) -> str:
 def _description(plan: Plan, design: Design) -> list[str]:
     """Lines that describe the runs of a campaign, then its base scenario."""
     config = plan.config
-    size = f"{design.n} x ({len(design.parameters)} + 2) runs" if design.kind == "saltelli" else f"{len(design.rows)} runs"
+    size = (
+        f"{design.n} x ({len(design.parameters)} + 2) runs" if design.kind == "saltelli" else plural(len(design.rows), "run")
+    )
     chance = "every combination" if design.kind == "grid" else f"{design.kind}, seed {design.seed}"
     lines = [f"{config.campaign}: valid", f"  {size} of {plan.base.scenario.name} ({chance})"]
     for column, name in enumerate(design.parameters):

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ffsm_mj.conditions import Condition
+from ffsm_mj.errors import plural
 from ffsm_mj.experiments.results import GOOD, Results, finite, numbers
 from ffsm_mj.experiments.statistics import (
     CONFIDENCE,
@@ -64,11 +65,11 @@ def _metric_sentences(results: Results) -> Iterator[str]:
         values = finite(results.valid, metric)
         if is_constant(values):
             if len(values):
-                yield f"{metric}: {number(float(values[0]))} in all {len(values)} runs"
+                yield f"{metric}: {number(float(values[0]))} in all {plural(len(values), 'run')}"
             continue
         middle, low, high = (quantile(values, share).value for share in (0.5, 0.05, 0.95))
         quantiles = f"median {number(middle)}, 5 % {number(low)}, 95 % {number(high)}"
-        yield f"{metric}: mean {mean_text(values)}, {quantiles}, of {len(values)} runs"
+        yield f"{metric}: mean {mean_text(values)}, {quantiles}, of {plural(len(values), 'run')}"
 
 
 def _dependence(results: Results) -> str:
@@ -82,6 +83,10 @@ def _dependence(results: Results) -> str:
     shown = ", ".join(f"{name} {rho:.2f}" for rho, name in known[:_MOST_CORRELATIONS])
     count = len(finite(results.valid, metric))
     if not shown:
-        why = f"{count} runs, {LEAST_RANKED} are needed" if count < LEAST_RANKED else "no parameter is a number that varies"
+        why = (
+            f"{plural(count, 'run')}, {LEAST_RANKED} are needed"
+            if count < LEAST_RANKED
+            else "no parameter is a number that varies"
+        )
         return f"{metric}: no rank correlation ({why})"
-    return f"rank correlation of {metric} with {shown}, of {count} runs"
+    return f"rank correlation of {metric} with {shown}, of {plural(count, 'run')}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from typing import Any, ClassVar, Protocol
 
@@ -187,6 +187,11 @@ class ImpactRecord:
         "Effort by actuator from the impact on, as the controller decided then; efforts are off during it.",
         default_factory=dict,
     )
+
+
+def impact_count(impacts: Sequence[ImpactRecord]) -> int:
+    """Number of impacts: contacts at one instant are one impact."""
+    return len({record.event for record in impacts})
 
 
 @record

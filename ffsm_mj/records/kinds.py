@@ -87,6 +87,7 @@ class RecordKind:
         state: State from the event on, in a word, for a track of states; None for none.
         warning: Whether to show it as a warning.
         in_every_run: Whether every log has its topic; otherwise those whose header names it.
+        in_every_report: Whether the report of a run lists its records, whatever else happened.
         series: Name of the count of its events; empty for the one that contact models share. Records with one number of a
             series are one event.
     """
@@ -104,6 +105,7 @@ class RecordKind:
     state: Callable[[Any], str] | None = None
     warning: Callable[[Any], bool] = _never
     in_every_run: bool = False
+    in_every_report: bool = False
     series: str = ""
 
     @property

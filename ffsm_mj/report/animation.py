@@ -17,7 +17,7 @@ from PIL import Image
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.errors import InputError, MissingPackageError, OutputLostError
+from ffsm_mj.errors import InputError, MissingPackageError, OutputLostError, plural
 from ffsm_mj.report import MOST_FRAMES_PER_SECOND
 from ffsm_mj.report.output_place import new_file, usable_file
 from ffsm_mj.report.pictures import pictures
@@ -152,7 +152,7 @@ def _cut(run: Run, frames_per_second: float, speed: float | None, place: str, re
         raise InputError(f"{place}{amount}, more than {_MOST_PICTURES}; {remedy}")
     count = max(2, 1 + math.ceil(wanted))
     times = np.linspace(0.0, end, count)
-    description = f"{count} frames, {count / frames_per_second:.1f} s at {fast:g} times real time"
+    description = f"{plural(count, 'frame')}, {count / frames_per_second:.1f} s at {fast:g} times real time"
     return _Cut(Subject(run, times.tolist()), times, fast, description)
 
 

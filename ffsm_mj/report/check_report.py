@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ffsm_mj.analysis.run import Run
-from ffsm_mj.errors import one_line
+from ffsm_mj.errors import one_line, plural
 from ffsm_mj.invocation import command
 from ffsm_mj.log.scenario import scenario_data
 from ffsm_mj.report.terminal import table
@@ -80,7 +80,7 @@ def verdict(run: Run, checks: Sequence[Check]) -> str:
     short = [f"{check.name} of {check.subsystem}" for check in checks if check.fails_by_truncation]
     verdicts = [("FAILED", broken), ("checks fail by the truncation of the step alone", short)]
     words = "; ".join(f"{head}: {_listed(names)}" for head, names in verdicts if names) or f"all {len(checks)} checks pass"
-    return f"{words} over {run.digest.end_s:g} s ({run.digest.samples} samples)"
+    return f"{words} over {run.digest.end_s:g} s ({plural(run.digest.samples, 'sample')})"
 
 
 def _listed(names: Sequence[str]) -> str:

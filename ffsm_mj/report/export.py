@@ -24,7 +24,7 @@ from ffsm_mj.analysis.tables import (
     table_names,
 )
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.errors import InputError, unknown_name
+from ffsm_mj.errors import InputError, plural, unknown_name
 from ffsm_mj.report.output_place import new_file, usable_file
 
 _ROWS_AT_ONCE = 50_000
@@ -71,7 +71,7 @@ def write_arrow(parts: Iterator[Any], path: Path, form: str) -> str:
         for part in chain([first], parts):
             writer.write_table(part)
             rows += part.num_rows
-    return f"{rows} rows of {first.num_columns} columns"
+    return f"{plural(rows, 'row')} of {plural(first.num_columns, 'column')}"
 
 
 def _writer(stream: BinaryIO, schema: Any, form: str) -> Any:

@@ -30,10 +30,14 @@ def momentum_line(run: Run) -> str:
         for name, change in momentum["actuators"].items()
         if _took(change)
     )
-    rest = f"{momentum['stack_without_wheels_N_m_s']:.4g} in the stack without its wheels"
+    stack = momentum["stack_without_wheels_N_m_s"]
+    if any(change["kind"] == "wheel" for change in momentum["actuators"].values()):
+        rest = f", {stack:.4g} in the stack without its wheels"
+    else:  # only a grasped object makes a stack of the robot
+        rest = f", {stack:.4g} in the stack" if run.records.get("grasp_impulses") else ""
     return (
         f"angular momentum: {_norm(momentum['initial_N_m_s']):.4g} N m s at the start, "
-        f"{_norm(momentum['final_N_m_s']):.4g} at the end, {rest}; taken by {exchanged}; {momentum_residual(run)}"
+        f"{_norm(momentum['final_N_m_s']):.4g} at the end{rest}; taken by {exchanged}; {momentum_residual(run)}"
     )
 
 

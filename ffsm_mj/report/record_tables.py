@@ -12,13 +12,15 @@ from typing import Any, TypeVar
 
 from ffsm_mj.analysis.intervals import ContactInterval
 from ffsm_mj.analysis.run import Run
-from ffsm_mj.errors import one_line
+from ffsm_mj.errors import one_line, plural
 from ffsm_mj.invocation import command
-from ffsm_mj.records.events import ImpactRecord, UnhandledContactRecord
+from ffsm_mj.records.events import ImpactRecord, UnhandledContactRecord, impact_count
 from ffsm_mj.records.kinds import RecordKind
 from ffsm_mj.report.terminal import table
 
 MOST_ROWS = 20
+_LEAST_OF_KIND = 2
+"""Records that are listed of each kind that every report lists."""
 _Record = TypeVar("_Record", ImpactRecord, ContactInterval)
 Column = tuple[str, Callable[[Any], str]]
 """Head of a column, with its unit on a second line, and the cell of a record or of a series."""
@@ -29,20 +31,42 @@ def _table(columns: Sequence[Column], rows: Iterable[Any], **options: Any) -> st
 
 
 def impact_table(impacts: Sequence[ImpactRecord], *, changes: bool = True, most: int = MOST_ROWS) -> str:
-    """One row per contact of every impact, or per rule if there are many.
+    """One row per contact of every impact; if there are many, their number, the first and the largest, and a row per rule.
 
     Args:
         impacts: Contacts of all impacts.
         changes: Add the changes of energy and momenta of the whole system.
-        most: Largest number of rows.
+        most: Largest number of rows; 0: no rows.
     """
     if not impacts:
         return "no impacts"
     if len(impacts) > most:
-        return _folded(impacts, _SERIES_OF_IMPACTS, most)
+        lines = "\n".join([number_of_impacts(impacts), *_first_and_largest(impacts)])
+        return f"{lines}\n{_folded(impacts, _SERIES_OF_IMPACTS, most, spare=_LESS_OF_IMPACTS)}" if most else lines
     rough, odd = any(record.mu for record in impacts), any(record.status != "ok" for record in impacts)
     shown = {"friction": rough, "changes": changes, "status": odd}
-    return _table([column for of, column in _IMPACTS if shown.get(of, True)], impacts, spare=("|dL|", "|dP|", "dT"))
+    return _table(
+        [column for of, column in _IMPACTS if shown.get(of, True)],
+        impacts,
+        spare=_LESS_OF_CHANGES,
+    )
+
+
+def number_of_impacts(impacts: Sequence[ImpactRecord]) -> str:
+    """How many impacts there are; contacts at one instant are one impact."""
+    number = impact_count(impacts)
+    several = f", with {plural(len(impacts), 'contact')}" if len(impacts) > number else ""
+    return f"{plural(number, 'impact')}{several}"
+
+
+def _first_and_largest(impacts: Sequence[ImpactRecord]) -> Iterator[str]:
+    """A line for the first impact and one for that of the largest impulse; of several contacts, for the largest one."""
+    first = max((record for record in impacts if record.event == impacts[0].event), key=lambda record: record.impulse_N_s)
+    largest = max(impacts, key=lambda record: record.impulse_N_s)
+    named = [("first and largest", first)] if largest is first else [("first", first), ("largest", largest)]
+    for name, record in named:
+        size = f"{record.impulse_N_s:.5g} N s at {record.approach_speed_m_s:.4g} m/s"
+        yield f"  {name}: {record.time_s:.6f} s  {one_line(record.pair)}, {size}"
 
 
 def _status(record: ImpactRecord) -> str:
@@ -75,6 +99,10 @@ _SERIES_OF_IMPACTS: tuple[Column, ...] = (
     ("impulse\nN s", lambda series: f"{_sum(series, 'impulse_N_s'):.6f}"),
 )
 """Columns of all impacts of a rule; ``impulse`` is the sum of the normal impulses."""
+_LESS_OF_CHANGES = ("|dL|", "|dP|", "dT", "mu", "e", "approach")
+_LESS_OF_IMPACTS = ("slowest", "e", "fastest")
+_LESS_OF_CONTACTS = ("at", "pairs", "sliding", "slip", "friction")
+"""Columns that can be spared on a narrow terminal."""
 
 
 def contact_table(contacts: Sequence[ContactInterval], *, most: int = MOST_ROWS) -> str:
@@ -83,10 +111,11 @@ def contact_table(contacts: Sequence[ContactInterval], *, most: int = MOST_ROWS)
         return ""
     with_friction = any(contact.peak_friction_use > 0.0 for contact in contacts)
     if len(contacts) > most:
-        return _folded(contacts, (*_SERIES_OF_CONTACTS, *(_SERIES_OF_SLIP if with_friction else ())), most)
+        columns = (*_SERIES_OF_CONTACTS, *(_SERIES_OF_SLIP if with_friction else ()))
+        return _folded(contacts, columns, most, spare=_LESS_OF_CONTACTS)
     numbers = count(1)
     columns = (("contact", lambda _: str(next(numbers))), *_CONTACTS, *(_SLIP if with_friction else ()))
-    return _table(columns, contacts)
+    return _table(columns, contacts, spare=_LESS_OF_CONTACTS)
 
 
 def _end(contact: ContactInterval) -> str:
@@ -127,13 +156,13 @@ _SERIES_OF_SLIP: tuple[Column, ...] = (
 )
 
 
-def _folded(records: Sequence[_Record], columns: Sequence[Column], most: int) -> str:
+def _folded(records: Sequence[_Record], columns: Sequence[Column], most: int, *, spare: Sequence[str]) -> str:
     """A row per contact rule, those with most records first."""
     by_rule: dict[str, list[_Record]] = {}
     for record in records:
         by_rule.setdefault(record.rule, []).append(record)
     series = sorted(by_rule.values(), key=lambda group: (-len(group), group[0].rule))
-    return _table(columns, series[:most]) + _and_more(series, most)
+    return _table(columns, series[:most], spare=spare) + _and_more(series, most)
 
 
 def _and_more(records: Sequence[Any], most: int) -> str:
@@ -153,23 +182,37 @@ def unhandled_table(contacts: Sequence[UnhandledContactRecord], *, most: int = M
     return f"{table(head, rows)}{_and_more(contacts, most)}\n{remedy}"
 
 
-def record_lines(run: Run, *, most: int = MOST_ROWS) -> str:
-    """Lines for the records of contact models, by kind; impacts, phases and unhandled contacts have their own tables."""
+def record_lines(run: Run, *, most: int = MOST_ROWS, also: Sequence[str] = ()) -> str:
+    """Lines for the records of contact models, by kind; impacts, phases and unhandled contacts have their own tables.
+
+    Args:
+        run: The run.
+        most: Largest number of records of a kind; 0: all but the kinds that every report lists are counted.
+        also: What else is counted.
+    """
     kinds = [(kind, run.records.get(kind.plural, ())) for kind in run.log.kinds if not kind.in_every_run]
+    kinds = [(kind, records) for kind, records in kinds if records]
     # Where there is room for one row only, kinds with several records are counted: the first one would say little.
-    counted = [(kind, records) for kind, records in kinds if most == 1 and len(records) > 1]
-    listed = [(kind, records) for kind, records in kinds if records and (kind, records) not in counted]
-    lines = [line for kind, records in listed for line in _lines(run, kind, records, most)]
-    if counted:
-        counts = ", ".join(f"{kind.plural.replace('_', ' ')}: {len(records)}" for kind, records in counted)
-        lines.append(f"{counts} (listed by analyze)")
+    counted = [] if most > 1 else [one for one in kinds if not one[0].in_every_report and len(one[1]) > most]
+    listed = [(kind, records) for kind, records in kinds if (kind, records) not in counted]
+    listed.sort(key=lambda one: one[0].time(one[1][0]))
+    lines = [line for kind, records in listed for line in _lines(run, kind, records, max(most, _LEAST_OF_KIND))]
+    if counts := [*also, *(_of_kind(kind, len(records)) for kind, records in counted)]:
+        lines.append(f"{', '.join(counts)} (listed by analyze)")
     return "\n".join(lines)
 
 
+def _of_kind(kind: RecordKind, number: int) -> str:
+    return f"{number} {(kind.name if number == 1 else kind.plural).replace('_', ' ')}"
+
+
 def _lines(run: Run, kind: RecordKind, records: Sequence[Any], most: int) -> Iterator[str]:
-    yield f"{kind.plural.replace('_', ' ')}: {len(records)}"
-    for record in records[:most]:
-        yield f"  {kind.time(record):.6f} s  {one_line(kind.sentence(record))}"
+    sentences = [f"{kind.time(record):.6f} s  {one_line(kind.sentence(record))}" for record in records[:most]]
+    if len(records) == 1:
+        yield from sentences
+        return
+    yield f"{_of_kind(kind, len(records))}"
+    yield from (f"  {sentence}" for sentence in sentences)
     if len(records) > most:
         yield f"  and {len(records) - most} more: {export_command(run, kind.plural)}"
 

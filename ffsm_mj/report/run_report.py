@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from ffsm_mj.analysis.pacing import Pacing
 from ffsm_mj.analysis.run import Run
-from ffsm_mj.errors import one_line
+from ffsm_mj.errors import one_line, plural
 from ffsm_mj.records.metadata import changed_property_lines, gravity_line
 from ffsm_mj.report.check_report import check_table, no_verdict, step_hint
 from ffsm_mj.report.momentum_report import momentum_line
@@ -45,8 +45,8 @@ def _report(run: Run, explained: ExplainedChecks, notes: Sequence[str], most: in
     result = "" if failures else worst_check(explained.checks)
     if not run.conservative:
         result = f"{result}{result and '; '}not conservative: {one_line(run.why_not_conservative)}"
-    records = [impact_table(run.impacts, changes=False, most=most), *details(run, most)] if most else [_counts(run)]
-    parts = [headline(run), failures, _sub_steps(run), *records, result]
+    happened = _happened(run, most) if most else _happened_in_short(run)
+    parts = [headline(run), failures, _sub_steps(run), *happened, result]
     shown = [part for part in parts if part]
     return "\n".join(shown) if tight else _stacked(shown)
 
@@ -66,12 +66,19 @@ def _failures(run: Run, explained: ExplainedChecks, notes: Sequence[str], most: 
     return "\n".join([*lines, *(f"  note: {note}" for note in notes[: max(most, 1)])])
 
 
-def _counts(run: Run) -> str:
-    """Numbers of records by kind, where there is no room for the records."""
-    kinds = {kind.plural: kind.name for kind in run.log.kinds}
-    counts = ((len(records), kinds.get(name, name) if len(records) == 1 else name) for name, records in run.records.items())
-    counted = ", ".join(f"{count} {name.replace('_', ' ')}" for count, name in counts if count)
-    return f"records, shown by analyze: {counted}"
+def _happened(run: Run, most: int) -> list[str]:
+    """Impacts, contacts and other records; that there were no impacts is worth a line only where nothing else happened."""
+    parts = details(run, most)
+    nothing = not (run.impacts or run.contacts or parts[1])
+    return [impact_table(run.impacts, changes=False, most=most) if run.impacts or nothing else "", *parts]
+
+
+def _happened_in_short(run: Run) -> list[str]:
+    """What every report has, and how much there is of everything else, where there is no room for more."""
+    impacts = impact_table(run.impacts, changes=False, most=0) if run.impacts else ""
+    counts = [(len(run.contacts), "persistent contact"), (len(run.unhandled_contacts), "unhandled contact")]
+    also = [plural(number, name) for number, name in counts if number]
+    return [impacts, record_lines(run, most=0, also=also)]
 
 
 def _stacked(parts: Iterable[str]) -> str:
@@ -133,7 +140,7 @@ def _sub_steps(run: Run) -> str:
     summary = run.summary()
     if not summary["sub_steps"]:
         return ""
-    cut = f"accuracy: {summary['steps']} steps divided into {summary['sub_steps']} sub-steps"
+    cut = f"accuracy: {plural(summary['steps'], 'step')} divided into {plural(summary['sub_steps'], 'sub-step')}"
     return f"{cut}, smallest {summary['smallest_step_s']:.3g} s"
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import sys
-from collections.abc import Iterable, Mapping, Sequence
-from textwrap import fill
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import zip_longest
+from textwrap import fill, wrap
 from typing import TextIO
 
 from ffsm_mj.errors import one_line
@@ -14,13 +16,17 @@ from ffsm_mj.errors import one_line
 _LEAST = 40
 """Narrower terminals are treated as if their width were unknown."""
 _GAP = 2
-_LEAST_TEXT = 10
-"""Texts in tables are not folded to less than this."""
+_LONGEST_WORD = 16
+"""Words of texts in tables are divided if they are longer than this."""
+FOLD = "\N{LINE SEPARATOR}"
+"""Between the lines of one row of a table whose texts are folded: they have one colour."""
 _UNIT = re.compile(r"(?<=\d) (?=[A-Za-z/^]{1,5}(?!\w))|(?<=\bN) (?=[ms]\b)|(?<=\bN m) (?=s\b)|(?<=\bkg) (?=m)")
 """Blanks between a number and its unit, and within a unit."""
 _COMPONENTS = re.compile(r"(?:(?<=\.\d{3})|(?<=\.\d{4})) +(?=-?\d+\.\d)")
 """Blanks between the components of a vector or a quaternion, which have three or four decimals."""
 _FIRM = "\N{NO-BREAK SPACE}"
+_WORDS = re.compile(r"(?:[^\s'\"]|'[^']*'|\"[^\"]*\")+")
+"""Words of a command of a shell."""
 
 
 def terminal_width(stream: TextIO | None = None) -> int | None:
@@ -33,14 +39,30 @@ def wrapped(text: str, stream: TextIO | None = None) -> str:
     """Lines wrapped at the width of the terminal, not between a number and its unit or the next component."""
     room = terminal_width() if stream is None else terminal_width(stream)
     if room is None:
-        return text
+        return text.replace(FOLD, "\n")
     lines = []
-    for line in text.split("\n"):
+    for line in text.replace(FOLD, "\n").split("\n"):
         if len(line) > room:
             indent = " " * (len(line) - len(line.lstrip()) + 2)
             firm = _COMPONENTS.sub(lambda blanks: _FIRM * len(blanks[0]), _UNIT.sub(_FIRM, line))
             line = fill(firm, room, subsequent_indent=indent, break_on_hyphens=False, break_long_words=False)  # noqa: PLW2901
         lines.append(line.replace(_FIRM, " "))
+    return "\n".join(lines)
+
+
+def wrapped_command(label: str, command: str) -> str:
+    """A command below or after a label; on a narrow terminal it goes on in further lines, which can be copied as a whole."""
+    room = terminal_width()
+    if room is None or len(label) + len(command) <= room or os.name == "nt":  # there, a backslash does not go on
+        return label + command
+    lines, indent = [label], " " * (len(label) - len(label.lstrip()) + 2)
+    for word in _WORDS.findall(command):
+        begun = lines[-1].strip() not in ("", label.strip())
+        if begun and len(lines[-1]) + len(word) + 3 > room:
+            lines[-1] += " \\"
+            lines.append(indent)
+            begun = False
+        lines[-1] += f"{' ' * begun}{word}"
     return "\n".join(lines)
 
 
@@ -73,32 +95,30 @@ def _width(columns: Sequence[Sequence[str]]) -> int:
 
 
 def _lines(columns: Sequence[Sequence[str]], numeric: Sequence[bool]) -> list[str]:
-    sides = [str.rjust if right else str.ljust for right in numeric]
     widths = [max(map(len, column)) for column in columns]
-    rows = zip(*columns, strict=True)
-    return [
-        "".join("  " + side(cell, width) for side, cell, width in zip(sides, row, widths, strict=True)).rstrip()
-        for row in rows
-    ]
+    return [_line(row, widths, numeric) for row in zip(*columns, strict=True)]
+
+
+def _line(cells: Sequence[str], widths: Sequence[int], numeric: Sequence[bool]) -> str:
+    sides = [str.rjust if right else str.ljust for right in numeric]
+    return "".join("  " + side(cell, width) for side, cell, width in zip(sides, cells, widths, strict=True)).rstrip()
 
 
 def _folded(columns: Sequence[Sequence[str]], numeric: Sequence[bool], room: int) -> list[str]:
     """Rows whose texts go on below in their columns; numbers stay whole, if necessary beyond the edge of the terminal."""
-    from rich.console import Console
-    from rich.table import Table
+    widths = [max(map(len, column)) for column in columns]
+    words = [max((len(word) for cell in column for word in cell.split()), default=0) for column in columns]
+    least = [width if right else min(word, _LONGEST_WORD) for width, word, right in zip(widths, words, numeric, strict=True)]
+    while sum(widths) + _GAP * len(widths) > room and widths != least:
+        widest = max((i for i, width in enumerate(widths) if width > least[i]), key=widths.__getitem__)
+        widths[widest] -= 1
+    return [FOLD.join(_folded_row(row, widths, numeric)) for row in zip(*columns, strict=True)]
 
-    grid = Table.grid(padding=(0, 0, 0, _GAP), pad_edge=True)
-    needed = 0
-    for column, right in zip(columns, numeric, strict=True):
-        least = max(map(len, column)) if right else min(_LEAST_TEXT, max(map(len, column)))
-        needed += _GAP + least
-        grid.add_column(justify="right" if right else "left", no_wrap=right, min_width=least, overflow="fold")
-    for row in zip(*columns, strict=True):
-        grid.add_row(*row)
-    console = Console(width=max(room, needed))  # rich would cut what does not fit
-    with console.capture() as captured:
-        console.print(grid)
-    return [line.rstrip() for line in captured.get().splitlines()]
+
+def _folded_row(row: Sequence[str], widths: Sequence[int], numeric: Sequence[bool]) -> Iterator[str]:
+    cells = [wrap(cell, max(width, 1), break_on_hyphens=False) or [""] for cell, width in zip(row, widths, strict=True)]
+    for parts in zip_longest(*cells, fillvalue=""):
+        yield _line(parts, widths, numeric)
 
 
 def listed(descriptions: Mapping[str, str]) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.analysis.run_models import summary
 from ffsm_mj.analysis.summary import truncation_data
-from ffsm_mj.errors import one_line
+from ffsm_mj.errors import one_line, plural
 from ffsm_mj.log.run_folder import SUMMARY
 from ffsm_mj.report.check_report import check_table, no_verdict, truncation_lines, verdict
 from ffsm_mj.report.momentum_report import momentum_table
@@ -73,7 +73,7 @@ def agreement(again: ReplayResult) -> str:
     if not worst:
         return "NOT VERIFIED: nothing of the log could be replayed; see its damage below"
     if again.agrees:
-        of = f"{again.numbers} numbers of {again.samples} samples"
+        of = f"{plural(again.numbers, 'number')} of {plural(again.samples, 'sample')}"
         return f"columns agree with states ({of}); worst difference: {_difference(worst[0])}"
     return "COLUMNS DO NOT AGREE WITH STATES:" + "".join(f"\n  {_difference(one)}" for one in worst if not one.passes)
 

@@ -139,7 +139,7 @@ def write_scenario(asked: TemplateRequest) -> list[str]:
         *(["a URDF that is a spacecraft itself floats on its own root with --base none"] if base and vendor.urdf else []),
         f"tip: {start.description}",
         *([f"no ball: {start.without_ball}"] if start.without_ball else []),
-        f"removed from the robot: {', '.join(files.strip) or 'nothing'}",
+        *([f"removed from the robot: {', '.join(files.strip)}"] if files.strip else []),
         *(f"mesh {line}" for line in decomposed.lines),
         f"next: {command('check', scenario)} && {command('run', scenario)}",
     ]

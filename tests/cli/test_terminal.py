@@ -142,7 +142,7 @@ def test_validate_counts_its_runs(tmp_path, columns):
     shown = on_terminal([sys.executable, "-c", VALIDATE, str(tmp_path)], columns=columns)
     assert shown.code == 1, shown.written
     assert "Traceback" not in shown.written
-    assert squeezed("".join(shown.screen)).endswith("1linesarenotcurrent")
+    assert squeezed("".join(shown.screen)).endswith("1linenotcurrent")
     assert "line1:committed'1.2229',now'1.2224'" in squeezed("".join(shown.screen))
     for done in range(5):
         assert (f"{done} of 5 cases" if columns == 200 else f"{100 * done / 5:.0f} %  validate") in shown.written

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
+from ffsm_mj.experiments.metrics import metric_values
+from ffsm_mj.replay import replay_log
 from ffsm_mj.report import terminal
 from ffsm_mj.report.check_report import step_hint
 from ffsm_mj.report.record_tables import impact_table
 from ffsm_mj.report.run_report import MOST_LINES, run_report
-from ffsm_mj.report.verification_report import check_table
+from ffsm_mj.report.verification_report import check_table, verification
+from ffsm_mj.verification.checks import DEFAULT_TOLERANCE
 from ffsm_mj.verification.truncation import ExplainedChecks
 from tests.changed_logs import with_records
+from tests.contact_models.grasp.scenes import grasping
 from tests.contact_models.joint_friction.scenes import run as friction_run
 from tests.contact_models.joint_friction.scenes import slider
 from tests.scenes import ball, scene, two_balls
@@ -71,7 +77,9 @@ def test_a_series_of_bounces_is_one_row(hit):
         ],
         key=lambda record: record.time_s,
     )
-    head, _, floor, wall = impact_table(records).splitlines()
+    number, first, head, _, floor, wall = impact_table(records).splitlines()
+    assert number == "40 impacts, with 65 contacts"
+    assert first == "  first and largest: 0.000000 s  ball-floor, 2.4 N s at 1 m/s"
     assert head.split()[:4] == ["impacts", "rule", "from", "to"]
     assert floor.split()[:4] == ["40", "ball-floor", "0.000000", "0.390000"]
     assert wall.split()[:4] == ["25", "ball-wall", "0.160000", "0.400000"]
@@ -105,13 +113,14 @@ def test_the_table_of_checks_is_whole_at_80_columns(hit):
 
 
 def test_a_report_without_room_counts_its_records(hit):
-    """Five lines: the outcome, the failing checks with the first note, and numbers in place of tables."""
+    """Six lines: the outcome, the failing checks with the first note, and the largest impact in place of tables."""
     impacts = tuple(replace(record, energy_change_J=1.0) for record in bounces(hit, hit.impacts[0].rule, [0.1, 0.2]))
-    lines = reported(changed(hit, impacts=impacts), ["first", "second"], 5).splitlines()
-    assert len(lines) <= 5
+    lines = reported(changed(hit, impacts=impacts), ["first", "second"], 6).splitlines()
+    assert len(lines) <= 6
     assert any(line.endswith("FAILED") for line in lines)
     assert "  note: first" in lines
-    assert lines[-1].startswith("records, shown by analyze: 2 impacts")
+    assert lines[-2] == "2 impacts"
+    assert lines[-1].startswith("  first and largest: 0.100000 s  ")
 
 
 def test_records_of_models_are_counted_before_tables_are_given_up(tmp_path):
@@ -135,8 +144,7 @@ def test_records_of_models_are_counted_before_tables_are_given_up(tmp_path):
         report = reported(run, [], room)
         assert report.count("\n") < room
         assert "robot-target" in report
-    assert "limit impacts: " in report
-    assert "(listed by analyze)" in report
+    assert f"{len(run.records['limit_impacts'])} limit impacts (listed by analyze)" in report
 
 
 def test_the_heat_of_joint_friction_is_told(tmp_path):
@@ -152,3 +160,51 @@ def test_the_finest_accuracy_is_proposed_where_it_is_not_asked_for(tmp_path, acc
     made = ffsm_mj.run(two_balls(tmp_path), {} if accuracy is None else {"accuracy": accuracy})
     assert ("accuracy: 1e-9" in step_hint(made)) == (accuracy != 1e-9)
     assert "time_step_s" in step_hint(made)
+
+
+@pytest.fixture(scope="module")
+def caught(tmp_path_factory):
+    return ffsm_mj.run(grasping(tmp_path_factory.mktemp("caught")))
+
+
+@pytest.mark.parametrize("contacts", [1, 2, 63, 400])
+@pytest.mark.parametrize("room", [24, 19, 8, 1])
+@pytest.mark.parametrize("width", [60, 80])
+def test_first_and_largest_impact_captures_and_releases_are_always_shown(caught, monkeypatch, contacts, room, width):
+    """With time and impulse, however many records there are and however little room; contacts share impacts at random."""
+    monkeypatch.setattr(terminal, "terminal_width", lambda: width)
+    rng = np.random.default_rng(contacts)
+    (hit,), (capture,), (release,) = (caught.records[name] for name in ("impacts", "grasp_impulses", "releases"))
+    events = np.sort(rng.integers(0, contacts, contacts))
+    impulses = rng.permutation(np.arange(1.0, contacts + 1.0))
+    impacts = tuple(
+        replace(hit, event=int(event), time_s=0.001 * int(event), impulse_N_s=float(impulse))
+        for event, impulse in zip(events, impulses, strict=True)
+    )
+    run = changed(caught, impacts=impacts)
+    text = " ".join(reported(run, [], room).split())
+    first = max(impulses[events == events[0]])
+    for event, impulse in ((events[0], first), (events[np.argmax(impulses)], impulses.max())):
+        assert f"{0.001 * int(event):.6f}" in text
+        assert f"{impulse:.5g} N s at" in text or f"{impulse:.6f}" in text
+    for record, words in ((capture, f"{math.hypot(*capture.impulse_N_s):.5g} N s"), (release, "release of 'grasp'")):
+        assert f"{record.time_s:.6f} s" in text
+        assert words in text
+
+
+def test_an_impact_is_the_same_thing_everywhere(caught):
+    """Contacts at one instant are one impact: in the report, the verification, the card of a run and the metric."""
+    (hit,) = caught.impacts
+    impacts = tuple(replace(hit, event=k // 3, time_s=0.1 * (k // 3)) for k in range(63))
+    run = changed(caught, impacts=impacts)
+    checks = ExplainedChecks(all_checks(run))
+    assert "21 impacts, with 63 contacts\n" in run_report(run, checks)
+    assert "21 impacts, with 63 contacts\n" in verification(run, replay_log(run.log), checks, DEFAULT_TOLERANCE)
+    assert "; 21 impacts; " in repr(run)
+    assert metric_values(run, ["impacts.count"])["impacts.count"] == 21
+
+
+def test_that_nothing_hit_is_said_only_where_nothing_else_happened(tmp_path, caught):
+    quiet = ffsm_mj.run(two_balls(tmp_path, duration_s=0.01))
+    assert "no impacts" in run_report(quiet, ExplainedChecks(all_checks(quiet)))
+    assert "no impacts" not in run_report(changed(caught, impacts=()), ExplainedChecks(()))

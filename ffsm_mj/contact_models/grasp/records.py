@@ -226,6 +226,7 @@ GRASP = RecordKind(
     when="when a grasp closes on its object",
     sentence=_grasped,
     summarised=False,  # the summary lists grasp intervals instead
+    in_every_report=True,
     marks=_grasp_marks,
     warning=_singular,
     arrows=load_arrows,
@@ -238,6 +239,7 @@ RELEASE = RecordKind(
     when="when a grasp releases its object",
     sentence=_released,
     summarised=False,
+    in_every_report=True,
     marks=lambda record: [Mark(record.point_m, text=f"{record.grasp} releases", name=record.grasp)],
 )
 
@@ -248,6 +250,7 @@ NEAR_MISS = RecordKind(
     when="when a grasp is disarmed without ever satisfying its bounds",
     sentence=_missed,
     summary=_of_near_miss,
+    in_every_report=True,
     warning=lambda _: True,
 )
 

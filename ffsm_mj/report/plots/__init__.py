@@ -144,7 +144,7 @@ def save_comparison(runs: Sequence[tuple[str, Run]], folder: str | Path, formats
 def comparison(runs: Sequence[tuple[str, Run]]) -> Figure:
     """Figure of the first ``MOST_RUNS`` of several labelled runs."""
     shown = [(label, thinned(run)) for label, run in runs[:MOST_RUNS]]
-    panels = ["kinetic energy, J", "FFSM $|P|$, N s", "object $|P|$, N s"]
+    panels = ["kinetic energy, J", "robot $|P|$, N s", "object $|P|$, N s"]
     tipped = [(label, run) for label, run in shown if run.summary()["tip"] is not None]
     labels = (["tip error, m"] if tipped else []) + panels
     figure = Figure(figsize=(WIDTH_IN, 0.8 + 1.5 * len(labels)), layout="constrained")

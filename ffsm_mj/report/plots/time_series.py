@@ -29,7 +29,7 @@ from ffsm_mj.verification.residuals import BalanceColumns, drift_window_s, norms
 _GREY = "#7F7F7F"
 CONSERVED = {"energy": "J", "linear momentum": "N s", "angular momentum": "N m s"}
 """Conserved quantities with their units."""
-SUBSYSTEM_NAMES = {"total": "whole system", "robot": "FFSM", "objects": "object"}
+SUBSYSTEM_NAMES = {"total": "whole system", "robot": "robot", "objects": "object"}
 
 
 def short(name: str) -> str:
