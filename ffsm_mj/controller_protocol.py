@@ -51,7 +51,7 @@ from ffsm_mj.model.driven_joints import (
 )
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.inputs import SetpointLaw, setpoint_law
-from ffsm_mj.model.system import Joint, SharedJoints, System, Tree, driven_bodies, shared_joints
+from ffsm_mj.model.system import Joint, SharedJoints, System, Tree, driven_bodies, rotor_fault, shared_joints
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.command import Command, ExternalCommand
 from ffsm_mj.records.contact_forces import ActiveContact
@@ -139,6 +139,7 @@ __all__ = [
     "needs_motors",
     "predict",
     "reduced_model",
+    "rotor_fault",
     "servo_joints",
     "setpoint_law",
     "shared_joints",

@@ -126,6 +126,7 @@ def model_files(scenario: ScenarioConfig, source: YamlSource, read: Reader = rea
             pose=poses.get(name),
             body=parts[name].body or "",
             cones=parts[name].cones,
+            sites=tuple(AddedSite(site, **dict(added)) for site, added in parts[name].sites.items()),
         )
         for name, read_files in readers.items()
     }
@@ -133,5 +134,4 @@ def model_files(scenario: ScenarioConfig, source: YamlSource, read: Reader = rea
         for name, part in parts.items():
             keys = (name,) if name == "robot" else ("objects", name)
             files[name] = with_pieces(files[name], part.decompose, homes[name], keys)
-    sites = tuple(AddedSite(name, site.body, site.pos_m) for name, site in scenario.robot.sites.items())
-    return files | {"robot": replace(files["robot"], sites=sites, flex=scenario.robot.joint_flex)}
+    return files | {"robot": replace(files["robot"], flex=scenario.robot.joint_flex)}

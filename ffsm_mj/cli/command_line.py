@@ -49,6 +49,7 @@ _WORKS_WITH: dict[str, dict[str, tuple[str, ...]]] = {
     "run": {"--viewer": ("--live",), "--force": ("--out",)},
     "export": {"--table": ("--csv", "--parquet"), "--fps": ("--gif", "--mp4"), "--speed": ("--gif", "--mp4")},
     "validate": {"--long": ("--check", "--data")},
+    "new": dict.fromkeys(("--target", "--target-mass", "--grapple"), ("--wheels", "--thrusters")),
 }
 """Options by command and option of which at least one must be given for the option to have an effect."""
 
@@ -270,9 +271,43 @@ def _describe_new(new: argparse.ArgumentParser) -> None:
     )
     new.add_argument(
         "--base-mass",
+        "--bus-mass",
         type=positive,
         metavar="KG",
-        help="mass of the base to mount a manipulator on (default: five times the mass of the manipulator)",
+        help="mass of the base to mount a manipulator on (default: five times the mass of the manipulator; with --wheels or "
+        "--thrusters 500, wheels included)",
+    )
+    new.add_argument(
+        "--base-size",
+        "--bus-size",
+        type=positive,
+        nargs="+",
+        metavar="M",
+        help="edge of the base, or its three edges x y z, m (default: those of a cube of 250 kg/m^3)",
+    )
+    new.add_argument(
+        "--wheels",
+        type=_whole,
+        metavar="N",
+        help="a spacecraft with N reaction wheels on the base, 3 (along the axes), 4 (a pyramid) to 12 (on a cone), and a "
+        "mission that ends in a capture (default with --thrusters: 4)",
+    )
+    new.add_argument(
+        "--thrusters",
+        type=_whole,
+        metavar="N",
+        help="and with N thrusters: 6, 8, 12, 16 or 24 (default with --wheels: 12)",
+    )
+    new.add_argument(
+        "--target",
+        metavar="FILE",
+        help="MJCF, URDF or mesh (.stl, .obj, .msh) of what is captured (default: a cuboid)",
+    )
+    new.add_argument("--target-mass", type=positive, metavar="KG", help="of a mesh or cuboid (default: a fifth of the base)")
+    new.add_argument(
+        "--grapple",
+        metavar="SITE",
+        help="site of the target to grasp it at (default: in front of one of its faces)",
     )
     new.add_argument("--root", metavar="BODY", default="", help="root body of the robot, if the file has several trees")
     new.add_argument(

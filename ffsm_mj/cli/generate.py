@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from ffsm_mj.cli.exit_codes import OK
@@ -18,7 +20,9 @@ def new(options: argparse.Namespace, output: Output) -> int:
         InputError: The model cannot be used, or a file exists.
     """
     with output.progress() as stage:
-        lines = (_new_scene if options.scene else _new_robot)(options, stage)
+        spacecraft = options.wheels is not None or options.thrusters is not None
+        write = _new_scene if options.scene else _new_spacecraft if spacecraft else _new_robot
+        lines = write(options, stage)
     for line in lines:
         if line.startswith("next: "):
             output.command(line.removeprefix("next: "), "next: ")
@@ -33,7 +37,7 @@ def _new_scene(options: argparse.Namespace, stage: Stage) -> list[str]:
 
     if options.menagerie or not options.robot:
         raise InputError("new: --scene FILE needs --robot BODY, the root body of the robot in the file")
-    if options.base or options.base_mass or options.root or options.tip or options.package_path:
+    if options.base or options.base_mass or options.base_size or options.root or options.tip or options.package_path:
         raise InputError("new: --scene FILE goes with --robot BODY, --decompose and --out alone")
     with working_on(options.scene):
         stage(f"compile {options.scene}")
@@ -44,27 +48,80 @@ def _new_scene(options: argparse.Namespace, stage: Stage) -> list[str]:
 
 def _new_robot(options: argparse.Namespace, stage: Stage) -> list[str]:
     """Generate a scenario around a robot's file; returns what was written, as text."""
-    from ffsm_mj.templates.robot import TemplateRequest, copied, write_scenario
+    from ffsm_mj.templates.robot import TemplateRequest, write_scenario
 
-    if bool(options.robot) == bool(options.menagerie):
-        raise InputError("new: give the robot by --robot FILE or by --menagerie NAME")
-    robot, out = options.robot or options.menagerie, Path(options.out)
-    with working_on(robot):
-        stage(f"compile {robot}")
-        file = copied(options.menagerie, out) if options.menagerie else Path(robot)
+    with _robot(options, stage) as file:
         return write_scenario(
             TemplateRequest(
                 name=options.name,
                 robot=file,
-                out=out,
+                out=Path(options.out),
                 base=options.base is None,
                 base_mass=options.base_mass,
+                base_size=_edges(options.base_size),
                 root=options.root,
                 tip=options.tip,
                 packages=tuple(map(Path, options.package_path)),
                 decompose=options.decompose or "",
             )
         )
+
+
+def _new_spacecraft(options: argparse.Namespace, stage: Stage) -> list[str]:
+    """Generate a spacecraft around an arm's file, and a mission; returns what was written, as text."""
+    from ffsm_mj.templates.spacecraft import SpacecraftRequest, write_spacecraft
+
+    if options.base or options.decompose:
+        raise InputError(
+            f"new: {'--base none' if options.base else '--decompose'} has no effect with --wheels or --thrusters"
+        )
+    with _robot(options, stage) as file:
+        return write_spacecraft(
+            SpacecraftRequest(
+                name=options.name,
+                robot=file,
+                out=Path(options.out),
+                wheels=4 if options.wheels is None else options.wheels,
+                thrusters=12 if options.thrusters is None else options.thrusters,
+                target=Path(options.target) if options.target else None,
+                target_mass=options.target_mass,
+                grapple=options.grapple or "",
+                bus_mass=options.base_mass,
+                bus_size=_edges(options.base_size),
+                root=options.root,
+                tip=options.tip,
+                packages=tuple(map(Path, options.package_path)),
+            )
+        )
+
+
+@contextmanager
+def _robot(options: argparse.Namespace, stage: Stage) -> Iterator[Path]:
+    """File of the robot, copied if it is one of MuJoCo Menagerie; errors of the file system name it.
+
+    Raises:
+        InputError: None is given, or two are.
+    """
+    from ffsm_mj.templates.robot import copied
+
+    if bool(options.robot) == bool(options.menagerie):
+        raise InputError("new: give the robot by --robot FILE or by --menagerie NAME")
+    robot = options.robot or options.menagerie
+    with working_on(robot):
+        stage(f"compile {robot}")
+        yield copied(options.menagerie, Path(options.out)) if options.menagerie else Path(robot)
+
+
+def _edges(numbers: list[float] | None) -> tuple[float, ...]:
+    """Edges of a base.
+
+    Raises:
+        InputError: Neither one nor three.
+    """
+    edges = tuple(numbers or ())
+    if len(edges) not in (0, 1, 3):
+        raise InputError(f"new: --base-size: {len(edges)} numbers; allowed: one edge for all, or three, x y z, m")
+    return edges
 
 
 def new_law(options: argparse.Namespace, output: Output) -> int:

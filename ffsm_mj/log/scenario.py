@@ -18,7 +18,7 @@ from ffsm_mj.model.edits import AddedSite, JointFlex, LimitsMode, Strippable, mo
 from ffsm_mj.model.files import ModelFiles, logged_model, logged_name
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.magnetorquers import Axis, magnetorquers_of
-from ffsm_mj.model.properties import BodyProperties, Overrides, Pose
+from ffsm_mj.model.properties import BodyProperties, Overrides, Pose, UnitQuaternion
 from ffsm_mj.model.sensors import AddedKind, AddedSensor
 from ffsm_mj.model.system import System
 from ffsm_mj.records.run_log import RunLog
@@ -32,6 +32,7 @@ class _Part(StrictModel, extra="ignore"):
 class _Site(_Part):
     body: str
     pos_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    quaternion: UnitQuaternion = (1.0, 0.0, 0.0, 0.0)
 
 
 class _Model(_Part):
@@ -158,7 +159,7 @@ def compile_log(log: RunLog, place: str = THE_LOG, grasp: Grasp | None = None) -
             overrides=(Overrides("model", bodies),) if bodies is not None else (),
             pose=(part.pose or Pose()) if part.fixed and name != "robot" else None,
             body=part.body or "",
-            sites=tuple(AddedSite(site, added.body, added.pos_m) for site, added in (part.sites or {}).items()),
+            sites=tuple(AddedSite(site, **dict(added)) for site, added in (part.sites or {}).items()),
             flex=part.joint_flex or {},
             cones=part.cones or (),
         )

@@ -110,8 +110,9 @@ def part(name: str, files: ModelFiles, vfs: Any) -> Part:
         raise InputError(faults)
     overridden = override(spec, name, files, vfs) if files.overrides else None
     warnings = overridden.warnings if overridden is not None else warnings_alone(files, vfs)
-    add_sites(spec, files.sites)
-    add_cones(spec, files.cones, ("robot",) if name == "robot" else ("objects", name), fixed=files.pose is not None)
+    keys = ("robot",) if name == "robot" else ("objects", name)
+    add_sites(spec, files.sites, keys)
+    add_cones(spec, files.cones, keys, fixed=files.pose is not None)
     add_flex(spec, files.flex)
     sensors, further = sensors_of_model(spec, name, files, timing)
     controllers = {actuator.name: actuator.name for actuator in spec.actuators} | separate_inputs(spec)

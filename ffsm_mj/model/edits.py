@@ -32,19 +32,22 @@ class AddedSite:
         name: Its name in the model.
         body: Name in the model of the body that it is fixed to.
         pos_m: Position in the frame of the body, (3,), m.
+        quaternion: Its axes in those of the body, w, x, y, z, (4,).
     """
 
     name: str
     body: str
     pos_m: tuple[float, float, float]
+    quaternion: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0)
 
 
-def add_sites(spec: Any, sites: Iterable[AddedSite]) -> None:
+def add_sites(spec: Any, sites: Iterable[AddedSite], keys: tuple[str, ...]) -> None:
     """Add sites to a specification before it is compiled.
 
     Args:
-        spec: Specification of the robot; all its elements have names.
+        spec: Specification of the model; all its elements have names.
         sites: The sites.
+        keys: Path of the model in the scenario.
 
     Raises:
         ScenarioFaults: A body does not exist, or a site of that name exists.
@@ -54,11 +57,11 @@ def add_sites(spec: Any, sites: Iterable[AddedSite]) -> None:
         body = spec.body(site.body)
         if body is None or body.name == "world":
             names = [parent.name for parent in spec.bodies[1:]]
-            faults.append(Fault(unknown_name("body", site.body, names), ("robot", "sites", site.name, "body")))
+            faults.append(Fault(unknown_name("body", site.body, names), (*keys, "sites", site.name, "body")))
         elif site.name in {present.name for present in spec.sites}:
-            faults.append(Fault("the model already has a site of this name; choose another", ("robot", "sites", site.name)))
+            faults.append(Fault("the model already has a site of this name; choose another", (*keys, "sites", site.name)))
         else:
-            body.add_site(name=site.name, pos=site.pos_m)
+            body.add_site(name=site.name, pos=site.pos_m, quat=site.quaternion)
     if faults:
         raise ScenarioFaults(faults)
 

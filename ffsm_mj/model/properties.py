@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import mujoco
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import AfterValidator, Field, field_validator
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.config import StrictModel
@@ -184,21 +184,24 @@ class BodyProperties(StrictModel):
         return tuple(key for key in INERTIAL if self.mass_from_geoms or getattr(self, key) is not None)
 
 
+def _unit(value: tuple[float, ...]) -> tuple[float, ...]:
+    length = np.linalg.norm(value)
+    if not abs(length - 1.0) <= _UNIT_LENGTH:
+        raise ValueError(f"the quaternion (w, x, y, z) must have length 1, got {length:.6g}")
+    return value
+
+
+UnitQuaternion = Annotated[tuple[float, ...], Field(min_length=4, max_length=4), AfterValidator(_unit)]
+"""Orientation w, x, y, z in a scenario."""
+
+
 class Pose(StrictModel):
     """Pose of a fixed object: of the world frame of its file in that of the scene."""
 
     position_m: Annotated[tuple[_Coordinate, ...], Field(min_length=3, max_length=3)] = (0.0, 0.0, 0.0)
     """Position in world axes, m."""
-    quaternion: Annotated[tuple[float, ...], Field(min_length=4, max_length=4)] = (1.0, 0.0, 0.0, 0.0)
+    quaternion: UnitQuaternion = (1.0, 0.0, 0.0, 0.0)
     """Orientation w, x, y, z; its length must be 1 to within 1e-3, and it is normalised."""
-
-    @field_validator("quaternion")
-    @classmethod
-    def _unit(cls, value: tuple[float, ...]) -> tuple[float, ...]:
-        length = np.linalg.norm(value)
-        if not abs(length - 1.0) <= _UNIT_LENGTH:
-            raise ValueError(f"the quaternion (w, x, y, z) must have length 1, got {length:.6g}")
-        return value
 
 
 Trees = dict[_Name, dict[_Name, BodyProperties]]

@@ -329,23 +329,32 @@ def rotors(system: System) -> tuple[Joint, ...]:
     centre on the axis and its inertia symmetric about it. Its momentum is then the spin I_a times the joint rate along the
     axis, in addition to what it has as a part of the base.
     """
-    model, driven = system.mj, _driven(system.mj)
-    return tuple(joint for joint in system.robot.joints if joint.kind == "hinge" and _is_rotor(model, system, joint, driven))
+    return tuple(joint for joint in system.robot.joints if joint.kind == "hinge" and not rotor_fault(system, joint))
 
 
-def _driven(model: Any) -> set[int]:
-    """Joints that have an actuator."""
+def rotor_fault(system: System, joint: Joint) -> str:
+    """Why a joint of the robot carries no rotor, as text; empty if it does (see :func:`rotors`)."""
+    model, body, index = system.mj, joint.body, int(system.mj.joint(joint.name).id)
+    name = model.body(body).name
+    parent, children = int(model.body_parentid[body]), np.flatnonzero(model.body_parentid == body).tolist()
     on_joint = model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)
-    return set(model.actuator_trnid[on_joint, 0].tolist())
+    conditions = (
+        (joint.kind != "hinge", f"its joint is a {joint.kind}, not a hinge"),
+        (parent != system.robot.root, f"the body {name!r} is not on the robot's base but on {model.body(parent).name!r}"),
+        (model.body_jntnum[body] > 1, f"the body {name!r} has {model.body_jntnum[body]} joints, not one"),
+        (children, f"the body {name!r} carries another one, {model.body(children[0] if children else 0).name!r}"),
+        (model.jnt_limited[index], "its hinge has limits (range)"),
+        (index not in model.actuator_trnid[on_joint, 0], "no actuator drives its hinge"),
+    )
+    return next((why for fails, why in conditions if fails), "") or _imbalance(model, body, index)
 
 
-def _is_rotor(model: Any, system: System, joint: Joint, driven: set[int]) -> bool:
-    body, index = joint.body, int(model.joint(joint.name).id)
-    alone = model.body_jntnum[body] == 1 and body not in model.body_parentid.tolist()
-    if not alone or model.body_parentid[body] != system.robot.root or model.jnt_limited[index] or index not in driven:
-        return False
-    axis = model.jnt_axis[index]
-    offset = np.cross(model.body_ipos[body] - model.jnt_pos[index], axis)
+def _imbalance(model: Any, body: int, joint: int) -> str:
+    """Why a body is not balanced about its hinge, as text; empty if it is."""
+    axis, name = model.jnt_axis[joint], model.body(body).name
+    offset = float(np.linalg.norm(np.cross(model.body_ipos[body] - model.jnt_pos[joint], axis)))
+    if offset > _BALANCED:
+        return f"the centre of mass of {name!r} is {offset:.3g} m off the axis, more than {_BALANCED:g} m"
     turn = np.empty(9)
     mujoco.mju_quat2Mat(turn, model.body_iquat[body])
     frame = turn.reshape(3, 3)
@@ -354,8 +363,10 @@ def _is_rotor(model: Any, system: System, joint: Joint, driven: set[int]) -> boo
     # Symmetric about the axis: the axis is principal, and the part across it is a multiple of the identity there.
     rest = across @ inertia @ across - 0.5 * np.trace(across @ inertia @ across) * across
     products = across @ inertia @ axis
-    allowed = _BALANCED * float(np.trace(inertia))
-    return bool(np.linalg.norm(offset) <= _BALANCED and max(np.abs(rest).max(), np.abs(products).max()) <= allowed)
+    uneven = max(np.abs(rest).max(), np.abs(products).max()) / float(np.trace(inertia))
+    if uneven > _BALANCED:
+        return f"the inertia of {name!r} about the axis is not symmetric, by {uneven:.3g} of its trace (up to {_BALANCED:g})"
+    return ""
 
 
 def stiffness_coefficients(model: Any) -> FloatArray:

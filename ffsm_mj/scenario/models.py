@@ -37,19 +37,21 @@ from ffsm_mj.model.files import REST, ModelFiles, menagerie_file, read_model
 from ffsm_mj.model.inline import InlineModel, inline_model
 from ffsm_mj.model.mujoco_process import collected_warnings
 from ffsm_mj.model.one_file import moving_roots
-from ffsm_mj.model.properties import Pose
+from ffsm_mj.model.properties import Pose, UnitQuaternion
 from ffsm_mj.model.source import load_spec
 from ffsm_mj.scenario.faults import KindNames, plain_faults
 from ffsm_mj.scenario.source import YamlSource
 
 
 class SiteConfig(StrictModel):
-    """A site added to the robot's model, e.g. a tip at the end of a vendor's arm."""
+    """A site added to a model, e.g. a tip at the end of a vendor's arm, or where it is to grasp an object."""
 
     body: Name
-    """Body of the robot to which the site is fixed, by its name in the file."""
+    """Body of the model to which the site is fixed, by its name in the file."""
     pos_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Position in the body's frame, m."""
+    quaternion: UnitQuaternion = (1.0, 0.0, 0.0, 0.0)
+    """Orientation w, x, y, z in the body's frame; its length must be 1 to within 1e-3, and it is normalised."""
 
 
 def _source(value: Any, as_path: ValidatorFunctionWrapHandler) -> Any:
@@ -124,6 +126,8 @@ class OfFile(FromFile):
     """Meshes of the model that are not convex, as convex pieces: one, or a list."""
     cones: tuple[ConeConfig, ...] = ()
     """Inner surfaces of cones to add to bodies, which touch what is inside them; the file itself is not changed."""
+    sites: dict[Name, SiteConfig] = {}
+    """Sites to add to the model by name; the file itself is not changed."""
 
     @field_validator("cones")
     @classmethod
@@ -147,8 +151,6 @@ def _refuse_prisms(moving: OfFile) -> None:
 class Robot(OfFile):
     """The free-floating manipulator."""
 
-    sites: dict[Name, SiteConfig] = {}
-    """Sites to add to the model by name; the file itself is not changed."""
     joint_flex: dict[Name, JointFlex] = {}
     """Joints of the model with a flexible drive, by their names in the file; the file itself is not changed."""
 

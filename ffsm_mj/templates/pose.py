@@ -178,12 +178,13 @@ def _end_of(model: Any, data: Any, body: int, link: list[int]) -> FloatArray:
     length = float(np.linalg.norm(along))
     along = along / length if length > 1e-3 else data.xmat[body].reshape(3, 3)[:, 2]
     far = length + float(max(model.geom_rbound[geoms])) + 1.0
-    hits = [far - distance for g in geoms if (distance := _ray(model, data, g, anchor + far * along, -along)) >= 0.0]
+    hits = [far - distance for g in geoms if (distance := ray_distance(model, data, g, anchor + far * along, -along)) >= 0.0]
     reach = max(hits, default=length)
     return np.asarray(data.xmat[body].reshape(3, 3).T @ (anchor + reach * along - data.xpos[body]))
 
 
-def _ray(model: Any, data: Any, geom: int, start: FloatArray, direction: FloatArray) -> float:
+def ray_distance(model: Any, data: Any, geom: int, start: FloatArray, direction: FloatArray) -> float:
+    """Distance from a point along a unit vector to a geom, m; below zero where it misses."""
     kind = int(model.geom_type[geom])
     if kind == int(mujoco.mjtGeom.mjGEOM_MESH):
         return float(mujoco.mj_rayMesh(model, data, geom, start, direction, None))

@@ -58,6 +58,7 @@ class TemplateRequest:
         out: Folder to write to.
         base: Whether a robot that does not float is mounted on a base; else the root of a URDF floats.
         base_mass: kg; None: five times the robot's.
+        base_size: Its edges in m, (3,), or one for all, (1,); empty: those of a cube of a satellite's density.
         root: Body that the robot is with all below it; empty: the only one that moves.
         tip: Name of a site or body of the robot; empty: to be found.
         packages: Folders of the packages that a URDF names.
@@ -69,6 +70,7 @@ class TemplateRequest:
     out: Path
     base: bool = True
     base_mass: float | None = None
+    base_size: tuple[float, ...] = ()
     root: str = ""
     tip: str = ""
     packages: tuple[Path, ...] = ()
@@ -84,15 +86,7 @@ def write_scenario(asked: TemplateRequest) -> list[str]:
     Raises:
         InputError: A name that cannot be, is that of a file that stands there, or a robot that cannot be taken.
     """
-    name = re.sub(r"\.ya?ml$", "", asked.name)
-    if not _NAME.fullmatch(name):
-        raise InputError(
-            f"new: {name!r} is no name of a scenario: letters, digits, '.', '_' and '-'; --out names its folder"
-        )
-    scenario, model, ball = (asked.out / f"{name}{end}" for end in (".yaml", ".xml", "_ball.xml"))
-    for path in (scenario, model, ball):
-        if os.path.lexists(path):  # a link that leads nowhere is written through, too
-            raise InputError(f"new: {path} exists; nothing is written over it")
+    name, (scenario, model, ball) = new_files(asked.name, asked.out, "_ball.xml")
     vendor = read_vendor(asked.robot, asked.packages, asked.root)
     if vendor.floats and (asked.base_mass is not None or not asked.base):
         option = "--base-mass" if asked.base else "--base"
@@ -103,12 +97,12 @@ def write_scenario(asked: TemplateRequest) -> list[str]:
         )
         raise InputError(f"new: --base none {wrong}")
     mounted = asked.base and not vendor.floats
-    base = _base(asked.base_mass or rounded(_BASE_PER_ROBOT * vendor.mass, 1)) if mounted else None
+    base = cuboid(asked.base_mass or rounded(_BASE_PER_ROBOT * vendor.mass, 1), asked.base_size) if mounted else None
     asked.out.mkdir(parents=True, exist_ok=True)
-    with _removed_after(asked.robot, scenario, model, ball):
+    with removed_after(asked.robot, scenario, model, ball):
         robot = model if asked.base else asked.robot  # the root of a URDF gets a free joint wherever it is read
         if asked.base:
-            model.write_text(model_text(name, vendor, base, _relative(asked.robot, asked.out)), encoding="utf-8")
+            model.write_text(model_text(name, vendor, base, relative(asked.robot, asked.out)), encoding="utf-8")
         outside = not vendor.folder.is_relative_to(os.path.abspath(asked.out))
         folders = [vendor.folder] if asked.base and outside else []
         files = read_model(robot, folders, asked.packages)
@@ -119,9 +113,9 @@ def write_scenario(asked: TemplateRequest) -> list[str]:
             decomposed = decomposable(files, alone, "robot", asked.decompose, robot.parent)
         start = _start(files, ball, asked.tip)
         places = Places(
-            _relative(robot, asked.out),
-            [_relative(folder, asked.out) for folder in folders],
-            [_relative(package, asked.out) for package in asked.packages],
+            relative(robot, asked.out),
+            [relative(folder, asked.out) for folder in folders],
+            [relative(package, asked.out) for package in asked.packages],
         )
         scenario.write_text(
             scenario_text(name, asked.robot.name, files.strip, decomposed.data, start, places), encoding="utf-8"
@@ -165,16 +159,38 @@ def copied(name: str, out: Path) -> Path:
     return folder / files.main
 
 
-def _base(mass: float) -> Base:
-    return Base(mass, rounded(math.cbrt(mass / _BASE_DENSITY) / 2, 2))
+def new_files(name: str, out: Path, *ends: str) -> tuple[str, list[Path]]:
+    """Name of a scenario without its ending, and paths of its files: the scenario, its model, and others by their ends.
+
+    Raises:
+        InputError: A name that cannot be, or is that of a file that stands there.
+    """
+    name = re.sub(r"\.ya?ml$", "", name)
+    if not _NAME.fullmatch(name):
+        raise InputError(
+            f"new: {name!r} is no name of a scenario: letters, digits, '.', '_' and '-'; --out names its folder"
+        )
+    paths = [out / f"{name}{end}" for end in (".yaml", ".xml", *ends)]
+    for path in paths:
+        if os.path.lexists(path):  # a link that leads nowhere is written through, too
+            raise InputError(f"new: {path} exists; nothing is written over it")
+    return name, paths
 
 
-def _relative(path: Path, folder: Path) -> str:
+def cuboid(mass: float, edges: tuple[float, ...] = ()) -> Base:
+    """A base of some mass, kg: of the given edges, m, or one for all; without any a cube of a satellite's density."""
+    half = rounded(math.cbrt(mass / _BASE_DENSITY) / 2, 2)
+    x, y, z = (edge / 2 for edge in edges * (3 // len(edges))) if edges else (half, half, half)
+    return Base(mass, (x, y, z))
+
+
+def relative(path: Path, folder: Path) -> str:
+    """A path as a file in a folder has it."""
     return Path(os.path.relpath(path, folder)).as_posix()
 
 
 @contextmanager
-def _removed_after(robot: Path, *paths: Path) -> Iterator[None]:
+def removed_after(robot: Path, *paths: Path) -> Iterator[None]:
     """Files that are gone again where something is wrong with them; what is wrong with them is wrong with the robot.
 
     Raises:
@@ -235,7 +251,7 @@ def _with_ball(files: ModelFiles, alone: System, ball: Path, pose: dict[str, flo
     if met is not None:
         ball.write_text(ball_text(radius, rounded(_BALL_PER_FELT * felt_mass(system, data, met), 1)), encoding="utf-8")
         speed = rounded(2.0 * radius, 1)
-        approach = Approach(_rounded(met.touch + speed * met.outwards, 6), _rounded(-speed * met.outwards, 6))
+        approach = Approach(digits(met.touch + speed * met.outwards, 6), digits(-speed * met.outwards, 6))
     return _stated(system, data, pose, tip, approach, "")
 
 
@@ -262,8 +278,8 @@ def _stated(system: System, data: Any, pose: dict[str, float], tip: Tip, approac
     return Start(
         pose=pose,
         tip=site,
-        on=None if tip.site else (body, _rounded(tip.local, 4)),
-        target=_rounded(place, 4),
+        on=None if tip.site else (body, digits(tip.local, 4)),
+        target=digits(place, 4),
         approach=approach,
         without_ball=why,
         kp=kp,
@@ -272,5 +288,6 @@ def _stated(system: System, data: Any, pose: dict[str, float], tip: Tip, approac
     )
 
 
-def _rounded(vector: FloatArray, digits: int) -> list[float]:
-    return [round(float(x), digits) + 0.0 for x in vector]
+def digits(vector: FloatArray, places: int) -> list[float]:
+    """Numbers to some decimal places."""
+    return [round(float(x), places) + 0.0 for x in vector]

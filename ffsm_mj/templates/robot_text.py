@@ -13,20 +13,25 @@ from ffsm_mj.yaml import write_flow
 
 @dataclass(frozen=True)
 class Base:
-    """A cube of uniform density: its mass in kg, half its edge in m."""
+    """A cuboid of uniform density: its mass in kg, half its edges in m, (3,)."""
 
     mass: float
-    half: float
+    halves: tuple[float, float, float]
 
     @property
-    def inertia(self) -> float:
-        """Moment of inertia about each axis through its centre, kg m^2."""
-        return rounded(self.mass * (2.0 * self.half) ** 2 / 6.0, 4)
+    def inertia(self) -> tuple[float, ...]:
+        """Moments of inertia about the axes through its centre, kg m^2."""
+        x, y, z = (half**2 for half in self.halves)
+        return tuple(rounded(self.mass * sum_ / 3.0, 4) for sum_ in (y + z, z + x, x + y))
 
     @property
     def description(self) -> str:
         """In words."""
-        return f"{self.mass:g} kg, a cube of {2 * self.half:g} m, moments of inertia {self.inertia:g} kg m^2"
+        edges, moments = (list(dict.fromkeys(values)) for values in ([2.0 * half for half in self.halves], self.inertia))
+        shape = (
+            f"a cube of {edges[0]:g} m" if len(edges) == 1 else f"{' x '.join(f'{2 * half:g}' for half in self.halves)} m"
+        )
+        return f"{self.mass:g} kg, {shape}, moments of inertia {', '.join(f'{one:g}' for one in moments)} kg m^2"
 
 
 @dataclass(frozen=True)
@@ -87,7 +92,7 @@ def model_text(name: str, vendor: Vendor, base: Base | None, file: str) -> str:
     """MJCF of the robot: its file attached, to a base where it has none that floats."""
     attached = f'<attach model="vendor"{f" body={quoteattr(vendor.root)}" if vendor.root else ""} prefix=""/>'
     body = f"    {attached}" if base is None else _base_text(base, attached, vendor)
-    motors = [_motor_text(joint, most, vendor) for joint, most in vendor.motors.items()]
+    motors = [motor_text(joint, most, vendor) for joint, most in vendor.motors.items()]
     actuators = ["  <actuator>", *motors, "  </actuator>"] if motors else []
     lines = [
         f"<mujoco model={quoteattr(name)}>",
@@ -106,17 +111,17 @@ def model_text(name: str, vendor: Vendor, base: Base | None, file: str) -> str:
 
 
 def _base_text(base: Base, attached: str, vendor: Vendor) -> str:
-    bus, hull = _free("bus", vendor), _free("bus_hull", vendor)
-    inertia, half = (" ".join([f"{value:g}"] * 3) for value in (base.inertia, base.half))
+    bus, hull = unused("bus", vendor), unused("bus_hull", vendor)
+    inertia, half = (" ".join(f"{value:g}" for value in values) for values in (base.inertia, base.halves))
     return "\n".join(
         [
             f'    <body name="{bus}">',
-            f'      <freejoint name="{_free("bus_free", vendor)}"/>',
-            "      <!-- A cube of uniform density: mass in kg, moments of inertia in kg m^2. -->",
+            f'      <freejoint name="{unused("bus_free", vendor)}"/>',
+            "      <!-- A cuboid of uniform density: mass in kg, moments of inertia in kg m^2. -->",
             f'      <inertial pos="0 0 0" mass="{base.mass:g}" diaginertia="{inertia}"/>',
             f'      <geom name="{hull}" type="box" size="{half}" mass="0"/>',
             "      <!-- The robot stands on its upper face. -->",
-            f'      <frame pos="0 0 {base.half:g}">',
+            f'      <frame pos="0 0 {base.halves[2]:g}">',
             f"        {attached}",
             "      </frame>",
             "    </body>",
@@ -124,12 +129,13 @@ def _base_text(base: Base, attached: str, vendor: Vendor) -> str:
     )
 
 
-def _motor_text(joint: str, most: float | None, vendor: Vendor) -> str:
+def motor_text(joint: str, most: float | None, vendor: Vendor) -> str:
+    """The motor of a joint, within its greatest effort if there is one."""
     limits = "" if most is None else f' ctrllimited="true" ctrlrange="{-most:g} {most:g}"'
-    return f"    <motor name={quoteattr(_free(f'{joint}_motor', vendor))} joint={quoteattr(joint)}{limits}/>"
+    return f"    <motor name={quoteattr(unused(f'{joint}_motor', vendor))} joint={quoteattr(joint)}{limits}/>"
 
 
-def _free(wanted: str, vendor: Vendor) -> str:
+def unused(wanted: str, vendor: Vendor) -> str:
     """A name that the robot's file does not have."""
     return next(name for name in (wanted, *(f"{wanted}_{i}" for i in range(2, 9999))) if name not in vendor.names)
 

@@ -38,7 +38,7 @@ class Vendor:
         floats: Whether that body is free already, in space or in a plane.
         urdf: Whether the file is a URDF.
         motors: Joints that are to get a motor, with the greatest effort that the file states for each, if any.
-        names: Names of bodies, joints, geoms and actuators that are taken.
+        names: Names of bodies, joints, geoms, sites and actuators that are taken.
         mass: Of everything below the root, kg.
     """
 
@@ -69,7 +69,7 @@ def read_vendor(path: Path, packages: Sequence[Path], wanted: str = "") -> Vendo
         types = [joint.type for joint in root.joints]
         slides = types.count(mujoco.mjtJoint.mjJNT_SLIDE)
         floats = mujoco.mjtJoint.mjJNT_FREE in types or slides > 1
-        kinds = (spec.bodies, spec.joints, spec.geoms, spec.actuators)
+        kinds = (spec.bodies, spec.joints, spec.geoms, spec.sites, spec.actuators)
         return Vendor(
             folder=Path(os.path.abspath(files.label or ".")),
             root=root.name,

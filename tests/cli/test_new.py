@@ -235,7 +235,7 @@ STATUE = "<mujoco><worldbody><body><geom size='1'/></body></worldbody></mujoco>"
         (SERVO_ARM.replace("<body name=", "<bdy name=", 1), [], "malformed XML"),
         (SERVO_ARM, ["--base", "none"], "new: --base none is for a URDF; give the root of an MJCF a <freejoint/>"),
         (ARM, ["--base", "none"], "new: --base: ../vendor/robot.xml floats already, no base is added; leave it out"),
-        (SERVO_ARM, ["--base-mass", "-2"], "ffsm new: argument --base-mass: -2 is not a positive number"),
+        (SERVO_ARM, ["--base-mass", "-2"], "ffsm new: argument --base-mass/--bus-mass: -2 is not a positive number"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_told_in_a_line(vendor, tmp_path, text, options, said, capfd):

@@ -190,7 +190,7 @@ def test_on_estimates_it_settles_to_the_noise_of_the_gyro(tmp_path):
 @pytest.mark.parametrize(
     ("law", "where", "words"),
     [
-        ({"wheels": ["shoulder"]}, "wheels.0", "drives no rotor"),
+        ({"wheels": ["shoulder"]}, "wheels.0", "drives no rotor: the centre of mass of 'robot/link' is 0.3 m off the axis"),
         ({"wheels": ["whel_0"]}, "wheels.0", "did you mean"),
         ({"wheels": ["wheel_0", "wheel_0"]}, "wheels.1", "twice"),
         ({"thrusters": ["jet"]}, "thrusters.0", "jet"),
@@ -210,6 +210,33 @@ def test_bad_input_is_one_line(tmp_path, law, where, words):
     (line,) = caught.value.lines
     assert f"phases.0.controller.{where}" in line
     assert words in line
+
+
+WHEEL = '<joint name="wheel_0" axis="1.0 0.0 0.0"/>'
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (WHEEL, WHEEL.replace("/>", ' range="-9 9"/>'), "its hinge has limits (range)"),
+        (WHEEL, WHEEL.replace("/>", ' type="slide"/>'), "its joint is a slide, not a hinge"),
+        (WHEEL, f'{WHEEL}<joint name="tilt"/>', "the body 'robot/wheel_0' has 2 joints, not one"),
+        (WHEEL, f'{WHEEL}<body name="flag"><geom size="1"/></body>', "'robot/wheel_0' carries another one, 'robot/flag'"),
+        # Inertias 0.012, 0.012 and 0.02: with the axis along one of the equal ones, half their difference over the trace.
+        (WHEEL, WHEEL.replace("1.0 0.0 0.0", "0 1 0"), "about the axis is not symmetric, by 0.0909 of its trace"),
+        (WHEEL, WHEEL.replace("/>", ' pos="0 0.001 0"/>'), "centre of mass of 'robot/wheel_0' is 0.001 m off the axis"),
+    ],
+)
+def test_a_wheel_that_is_none_is_told_why(tmp_path, old, new, words):
+    """Each condition of a rotor alone."""
+    robot = spacecraft()
+    assert old in robot
+    with pytest.raises(InputError) as caught:
+        detumbled(tmp_path, {"wheels": ["wheel_0"]}, robot=robot.replace(old, new))
+    (line,) = caught.value.lines
+    assert "drives no rotor: " in line
+    assert words in line
+    assert "Joints of rotors: robot/wheel_1, robot/wheel_2" in line
 
 
 def test_a_share_of_a_load_limit_that_there_is_not_is_refused():

@@ -210,10 +210,33 @@ def test_a_site_is_at_the_given_position(tmp_path):
     np.testing.assert_allclose(data.site("robot/tip").xpos, [1.25, 0.0, 0.1], atol=1e-15)  # base 0.25, upper 0.5, lower 0.5
 
 
+def test_a_site_of_an_object_is_turned_as_stated(tmp_path):
+    """The quaternion, here a half turn about x - z of the target's frame, takes z into -x."""
+    path = reaching(tmp_path, tip={"body": "lower"})
+    half = {"body": "target", "pos_m": [0.1, 0.0, 0.0], "quaternion": [0.0, 0.5**0.5, 0.0, -(0.5**0.5)]}
+    text = json.loads(path.read_text())
+    text["objects"]["target"]["sites"] = {"grapple": half}
+    path.write_text(json.dumps(text))
+    system = prepare(path).system
+    data = mujoco.MjData(system.mj)
+    mujoco.mj_forward(system.mj, data)
+    assert system.mj.body(system.mj.site("target/grapple").bodyid[0]).name == "target/target"
+    np.testing.assert_allclose(data.site("target/grapple").xmat.reshape(3, 3)[:, 2], [-1.0, 0.0, 0.0], atol=1e-15)
+    text["objects"]["target"]["sites"]["grapple"]["quaternion"] = [1.0, 1.0, 0.0, 0.0]
+    path.write_text(json.dumps(text))
+    (line,) = faults(path)
+    assert "objects.target.sites.grapple.quaternion: the quaternion (w, x, y, z) must have length 1, got 1.41421" in line
+    text["objects"]["target"]["sites"]["grapple"] = {"body": "hull"}
+    path.write_text(json.dumps(text))
+    (line,) = faults(path)
+    assert "objects.target.sites.grapple.body: unknown body 'hull'; allowed: target" in line
+
+
 def test_log_and_rerun_have_the_site_too(tmp_path):
-    _, system = repeated(reaching(tmp_path, tip={"body": "finger"}), tmp_path / "run")
+    turned = {"body": "finger", "quaternion": [0.6, 0.0, 0.8, 0.0]}
+    _, system = repeated(reaching(tmp_path, tip=turned), tmp_path / "run")
     assert (tmp_path / "run" / "mjcf" / "robot" / "robot.xml").read_text() == ARM
-    assert "robot/tip" in system.names("site")
+    np.testing.assert_allclose(system.mj.site("robot/tip").quat, turned["quaternion"], rtol=1e-15)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,15 @@ import numpy as np
 
 from ffsm_controllers.detumble.config import DetumbleArm, DetumbleConfig
 from ffsm_controllers.joint_servo import refuse_outside_range
-from ffsm_mj.controller_protocol import ControllerContext, Fault, IntArray, ScenarioFaults, StackMomentum, driven_joints
+from ffsm_mj.controller_protocol import (
+    ControllerContext,
+    Fault,
+    IntArray,
+    ScenarioFaults,
+    StackMomentum,
+    driven_joints,
+    rotor_fault,
+)
 
 
 @dataclass(frozen=True)
@@ -39,11 +47,7 @@ def detumble_joints(config: DetumbleConfig, context: ControllerContext, stack: S
         except LookupError as error:
             faults.append(Fault(str(error.args[0]), ("wheels", i)))
         except ValueError:
-            there = ", ".join(stack.wheels) or "there is none"
-            message = (
-                f"{name!r} drives no rotor: a balanced body on one unlimited hinge of the base. Joints of rotors: {there}"
-            )
-            faults.append(Fault(message, ("wheels", i)))
+            faults.append(Fault(_no_rotor(name, context, stack), ("wheels", i)))
     twice = [i for i, wheel in enumerate(wheels) if wheel in wheels[:i]]
     faults += [Fault("is in the list twice", ("wheels", i)) for i in twice]
     faults += _rate_faults(config, context.control_period_s)
@@ -55,6 +59,18 @@ def detumble_joints(config: DetumbleConfig, context: ControllerContext, stack: S
     if both:
         raise ScenarioFaults([Fault(f"{', '.join(both)} is a wheel", ("arm", "joints"))])
     return DetumbleJoints((*names, *arm), np.array(wheels, dtype=np.intp), tuple(name.split("/")[-1] for name in names))
+
+
+def _no_rotor(actuator: str, context: ControllerContext, stack: StackMomentum) -> str:
+    """Why an actuator, which exists, is not that of a rotor: the condition that fails."""
+    system, joint = context.system, _joint_of(actuator, context)
+    known = {one.name: one for one in system.robot.joints}
+    why = rotor_fault(system, known[joint]) if joint in known else "it drives no joint of the robot"
+    there = ", ".join(stack.wheels) or "there is none"
+    return (
+        f"{actuator!r} drives no rotor: {why}. A rotor is a balanced body on one unlimited hinge of the base. "
+        f"Joints of rotors: {there}"
+    )
 
 
 def _joint_of(actuator: str, context: ControllerContext) -> str:
