@@ -114,14 +114,30 @@ class PiecePair(ContactPair):
 
     def alone(self, model: Any, data: Any) -> Proximity:
         """Gap, normal, points and rates of these two pieces as if there were no others."""
-        near = super().proximity(model, data)
+        near = self._over_each_other(super().proximity(model, data), model, data)
         if near.gap >= -DRIFT_M or self.gap(model, data) < -DISTANCE_QUERY_M:
             return near
         # Deeper than a contact drifts, and no overlap: a body that slides over a seam touches the next piece on top, where
         # it approached its covered side. The normal turns at once, and the search does not find it from the last one.
         if (face := face_normal(self.pieces, self.union.sides, data, self.shapes(model, data))) is not None:
             self._search.start_from(face)
-        return super().proximity(model, data)
+        return self._over_each_other(super().proximity(model, data), model, data)
+
+    def _over_each_other(self, near: Proximity, model: Any, data: Any) -> Proximity:
+        """The proximity with the gap at its points, of faces and edges that are level to PARALLEL only.
+
+        Their separation is that of a corner which may be over the next piece: 1e-7 m lower, that is no touch of this one.
+        """
+        if near.gap > CONTACT_GAP_M or self.is_curved:
+            return near
+        (a, b), normal = self.shapes(model, data), near.normal
+        if min(len(a.extreme(normal, PARALLEL)), len(b.extreme(-normal, PARALLEL))) == 1:
+            return near
+        # Points are midway of the gap, and the normal is that of the face on one side.
+        heights = near.points @ normal
+        above = np.maximum(heights - a.extents(normal[None]), -b.extents(-normal[None]) - heights)
+        gap = 2.0 * float(above.min())
+        return replace(near, gap=gap) if gap > near.gap + MERGED_M else near
 
     def _contact_normal(self, model: Any, data: Any, shapes: tuple[Shape, Shape]) -> ContactNormal:
         # No direction parts two pieces better than one along which their features face each other.
