@@ -615,6 +615,9 @@ class UnionPair(ContactPair):
             for other in b
             if self._allowed[one.number, other.number]
         ]
+        if not met and (near := self.within(model, data, _QUERY_M)):
+            # Of pieces that are as near as queries can tell, whichever was the nearest before.
+            met = [k for gap, k in near if gap <= near[0][0] + DISTANCE_QUERY_M]
         return (self.piece_pair(min(met)) if met else self._nearest_pair(model, data)).geoms
 
 

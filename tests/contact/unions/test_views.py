@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.assembly.prepare import prepare
 from tests.contact.unions.drawing import cut
 from tests.contact.unions.judge import sound
 from tests.contact.unions.scenes import fixed, free, geoms, on
@@ -162,3 +163,24 @@ def test_the_gap_of_a_union_is_that_of_its_nearest_piece(tmp_path, order):
     path = on(tmp_path / "run", body, fixed(geoms(HALVES[::order])), joints=joints, duration_s=0.004)
     gap = height - np.linalg.norm(half * [-math.sin(angle), 0.0, math.cos(angle)])
     assert ffsm_mj.run(path)["contact.hit_gap_m"][0] == pytest.approx(gap, abs=1e-12)
+
+
+@pytest.mark.parametrize("tilt", [4e-8, 4e-7, 4e-6])
+def test_the_gap_of_a_piece_beside_the_lowest_edge(tmp_path, tilt):
+    """A cube, turned by 0.3 rad, stands on a lower edge on one of two boxes: its gap to the other is that over the seam.
+
+    Faces that are level to 1e-6 rad face each other, but their separation is that of the edge, which is over the first box.
+    """
+    yaw, x_m = 0.3, 0.03
+    c, s = math.cos(yaw / 2.0), math.sin(yaw / 2.0)
+    turn = [c, 0.5 * tilt * s, -0.5 * tilt * c, s]  # about z, then about its own -y
+    joints = [x_m, 0.0, 0.1 * (1.0 + tilt), *turn]
+    assembly = prepare(on(tmp_path, CUBE, fixed(geoms(HALVES)), joints=joints)).assemble()
+    model, data = assembly.system.mj, assembly.data
+    (union,) = assembly.pairs
+    mujoco.mj_forward(model, data)
+    gaps = [union.piece_pair(k).alone(model, data).gap for k in range(2)]
+    # The seam, x = 0, leaves the cube on its side at y = -0.1, at this distance from the edge in axes of the cube.
+    over_m = 0.1 - (x_m + 0.1 * math.sin(yaw)) / math.cos(yaw)
+    # Second order of the tilt: 0.1 m of it squared is 1.6e-12 m at most.
+    assert gaps == pytest.approx([0.0, over_m * tilt], abs=2e-12)
