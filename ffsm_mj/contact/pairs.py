@@ -257,15 +257,15 @@ class ContactPair(Stateful):
     def refuse_passage(self, first: Proximity, last: Proximity) -> None:
         """End the run if it passes between two instants in a way that no contact model covers; geoms never do."""
 
-    def joined_pairs(self) -> Sequence[ContactPair]:
-        """What contact points watch of it while persistent contact holds it: all of it."""
+    def watched_by_points(self, model: Any, data: Any) -> Sequence[ContactPair]:  # noqa: ARG002
+        """What contact points watch of it at the state in ``data`` while persistent contact holds it: all of it."""
         return (self,)
 
     def hold(self, features: Sequence[Any]) -> None:
         """Note the contact points that persistent contact holds; see :class:`~ffsm_mj.contact.union_pair.UnionPair`."""
 
-    def join(self, model: Any, data: Any, ahead_s: float) -> None:
-        """Watch by contact points what touches in patches that are held at the state in ``data``, for a time ahead."""
+    def join(self, model: Any, data: Any) -> None:
+        """Watch by contact points what touches in patches that are held at the state in ``data``, from here on."""
 
     def joining(self) -> Any:
         """What :meth:`join` has found, as a state; None: nothing."""

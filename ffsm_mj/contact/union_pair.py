@@ -38,8 +38,6 @@ from ffsm_mj.tolerances import CLOSED_RATE, CONTACT_GAP_M, DISTANCE_QUERY_M, DRI
 
 _QUERY_M = 1e-3
 """Limit of queries that look for pieces in contact: a small limit ends a query early."""
-_MARGIN = 2.0
-"""Pieces that may come near in a step are those that twice its motion at the start would bring there."""
 _TURNED = 1e-4
 """Normals of a contact point that is held and of the patch that is found there differ by less: in a corner by much more."""
 _SPHERE, _CAPSULE = int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_CAPSULE)
@@ -110,7 +108,7 @@ class PiecePair(ContactPair):
         alone = self.alone(model, data)
         if abs(alone.gap) > CONTACT_GAP_M:
             return alone
-        return self.union.at_pieces(model, data, self, alone, without_closed=self.number in self.union.level)
+        return self.union.at_pieces(model, data, self, alone, without_closed=bool(self.union.level.flat[self.number]))
 
     def alone(self, model: Any, data: Any) -> Proximity:
         """Gap, normal, points and rates of these two pieces as if there were no others."""
@@ -170,9 +168,9 @@ class UnionPair(ContactPair):
         of_rule: Numbers of the pieces of each that the rule names.
         joined: Pairs of pieces that touch at the start of a step while persistent contact holds the pair: these are
             watched by their contact points, all others by their distance.
-        level: Pairs of pieces that go on in a plane of those and may come near in the step: they are watched in both ways.
-            Where they land in the plane of a contact that is held, contact points find it, as between two whole bodies. A
-            distance would be off by the drift of the held points, times how much nearer to them a seam is.
+        level: Which others go on in a plane of those, (pieces of a, pieces of b): they are watched in both ways. Where they
+            land in the plane of a contact that is held, contact points find it, as between two whole bodies. A distance
+            would be off by the drift of the held points, times how much nearer to them a seam is.
     """
 
     has_pieces = True
@@ -212,7 +210,7 @@ class UnionPair(ContactPair):
         a, b = sides
         self._radii = a.radius_about(first[0]), b.radius_about(first[1])
         self.joined: frozenset[int] = frozenset()
-        self.level: frozenset[int] = frozenset()
+        self.level, self._knows_level = np.zeros_like(self._allowed), False
         self._near, self._last, self._last_watched = NearPieces(sides), -1, -1
         self._closed: tuple[Feature, ...] = ()
         self._face: Feature | None = None
@@ -343,14 +341,15 @@ class UnionPair(ContactPair):
         """Pairs of pieces within a reach in m that are not joined, nor parted by the face on which the bodies lie flat."""
         return [self.piece_pair(k) for _, k in self.within(model, data, reach, self._apart)]
 
-    def joined_pairs(self) -> list[PiecePair]:
-        """Pairs of pieces that are joined or level."""
-        return [self.piece_pair(k) for k in sorted(self.joined | self.level)]
+    def watched_by_points(self, model: Any, data: Any) -> list[PiecePair]:
+        """Pairs of pieces that are joined, and those in their planes that are near."""
+        level = self.within(model, data, DISTANCE_QUERY_M, self.level) if self.level.any() else ()
+        return [self.piece_pair(k) for k in sorted((*self.joined, *(k for _, k in level)))]
 
     def hold(self, features: Sequence[Feature]) -> None:
         """Note the contact points that persistent contact holds: what is joined follows from them at the next step."""
         if self._closed != (closed := tuple(features)):
-            self._closed, self.joined, self.level = closed, frozenset(), frozenset()
+            self._closed, self.joined = closed, frozenset()
             self._watch(None)
             self.on_left()
 
@@ -365,26 +364,26 @@ class UnionPair(ContactPair):
         by_plane = np.zeros_like(self._allowed) if parted is None else np.logical_and.outer(*parted)
         self._apart = self._allowed & ~by_plane
         self._apart.flat[joined] = False
+        self.level, self._knows_level = np.zeros_like(self._allowed), False
         self.is_beside = parted is None or not by_plane.flat[joined].all()
 
     def joining(self) -> tuple[list[int], list[int], tuple[BoolArray, BoolArray] | None]:
         """Numbers of joined and of level pairs, and which pieces of a and b the face parts; None: it is not known."""
-        return sorted(self.joined), sorted(self.level), self._parted
+        return sorted(self.joined), np.flatnonzero(self.level).tolist(), self._parted
 
     def set_joining(self, state: Any) -> None:
         """Take back what :meth:`joining` gave, with the same points held."""
         # Found anew it may be other pieces: one that has lifted by less than a query sees stays joined, and drifts.
         joined, level, parted = state
-        self.joined, self.level = (frozenset(map(self._checked, numbers)) for numbers in (joined, level))
+        self.joined = frozenset(map(self._checked, joined))
         sides = zip(parted, self.sides, strict=True) if parted is not None else ()
         both = [fitting(which, (len(side.pieces),), f"{self.name}, pieces by the plane") for which, side in sides]
         self._watch((both[0], both[1]) if both else None)
+        self.level.flat[list(map(self._checked, level))] = True
+        self._knows_level = True
 
-    def join(self, model: Any, data: Any, ahead_s: float) -> None:
-        """Take the pairs of pieces that touch in patches that are held at the state in ``data`` as joined.
-
-        Those that go on in their planes and may come near within the time ahead are level.
-        """
+    def join(self, model: Any, data: Any) -> None:
+        """Take the pairs of pieces that touch in patches that are held at the state in ``data`` as joined."""
         near = [k for gap, k in self.within(model, data, 2.0 * DISTANCE_QUERY_M) if gap <= DISTANCE_QUERY_M]
         joined = frozenset(k for k in near if k in self.joined or self._goes_on(self.piece_pair(k), model, data))
         parted = self._parted
@@ -394,28 +393,22 @@ class UnionPair(ContactPair):
         if joined != self.joined or parted is not self._parted:
             self.joined = joined
             self._watch(parted)
+        if not self._knows_level:
+            self._level(data)
         if self._apart.flat[list(left)].any():
             self.on_left()
-        self.level = self._level(model, data, ahead_s) if joined else frozenset()
 
-    def _level(self, model: Any, data: Any, ahead_s: float) -> frozenset[int]:
-        """Numbers of the pairs of pieces that are level; see :attr:`level`."""
-        among, reach = np.zeros_like(self._allowed), 0.0
-        for feature in self._closed:
-            point = np.asarray(feature.at(data).point)
+    def _level(self, data: Any) -> None:
+        """Find the pairs of pieces that are level."""
+        for point in (np.asarray(feature.at(data).point) for feature in self._closed):
             for number in self.joined:
                 on_planes = [
                     side.on_planes_of(piece, (point - data.xpos[side.body]) @ data.xmat[side.body].reshape(3, 3), AT_POINT_M)
                     for side, piece in zip(self.sides, self.piece_pair(number).pieces, strict=True)
                 ]
-                among[np.ix_(*on_planes)] = True
-            # No point of the smaller body is farther from there than its diameter.
-            spin = np.linalg.norm(data.cvel[self.body_b][:3] - data.cvel[self.body_a][:3])
-            reach = max(reach, float(np.linalg.norm(self._moves(data, point)) + 2.0 * min(self._radii) * spin) * ahead_s)
-        among &= self._apart
-        if not among.any():
-            return frozenset()
-        return frozenset(k for _, k in self.within(model, data, _MARGIN * reach + DISTANCE_QUERY_M, among))
+                self.level[np.ix_(*on_planes)] = True
+        self.level &= self._apart
+        self._knows_level = True
 
     def _goes_on(self, pair: PiecePair, model: Any, data: Any) -> bool:
         """Whether the contact of two pieces is in a patch that is held."""

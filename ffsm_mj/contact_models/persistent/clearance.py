@@ -98,7 +98,8 @@ class Clearance:
         """Gap of a pair less the deepest of its contact points, m."""
         # The drift of closed points lowers the whole pair: only what is deeper than they are is another point. Pieces of
         # unions that do not touch yet are followed by event location.
-        return min(map(self._pair_gap, pair.joined_pairs()), default=math.inf) - min([0.0, *gaps])
+        watched = pair.watched_by_points(self._model, self._scene.data)
+        return min(map(self._pair_gap, watched), default=math.inf) - min([0.0, *gaps])
 
     def _pair_gap(self, pair: ContactPair) -> float:
         """Gap of a pair, m.

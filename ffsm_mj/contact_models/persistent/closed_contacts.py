@@ -313,10 +313,10 @@ class ClosedContacts:
         self.set_points(pair, points)
         self.join(pair)
 
-    def join(self, pair: UnilateralConstraint, ahead_s: float = 0.0) -> None:
-        """Watch the pieces of two unions that touch at the state in ``data`` by their contact points, for a time ahead."""
+    def join(self, pair: UnilateralConstraint) -> None:
+        """Watch the pieces of two unions that touch at the state in ``data`` by their contact points, from here on."""
         if not pair.is_limit and self.by_pair[pair]:
-            pair.join(self._model, self.data, ahead_s)
+            pair.join(self._model, self.data)
 
     def keep_slow_points(self, pairs: Sequence[tuple[UnilateralConstraint, Proximity]]) -> None:
         """Also close contact points that separate so slowly that the load would stop them below ``LIFT_OFF_M``.

@@ -423,7 +423,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
             return left_s
         self._located_s = None
         for pair in self._closed.by_pair:
-            self._closed.join(pair, left_s)
+            self._closed.join(pair)
         # In a steady state the active set and the modes of the step before hold on: nothing is decided anew.
         if not self._closed.steady.goes_on():
             # In this order: points that are released still count as sticking when drift is projected out, and slip from then

@@ -184,3 +184,17 @@ def test_the_gap_of_a_piece_beside_the_lowest_edge(tmp_path, tilt):
     over_m = 0.1 - (x_m + 0.1 * math.sin(yaw)) / math.cos(yaw)
     # Second order of the tilt: 0.1 m of it squared is 1.6e-12 m at most.
     assert gaps == pytest.approx([0.0, over_m * tilt], abs=2e-12)
+
+
+def test_geoms_that_end_their_contact_do_not_depend_on_the_way(tmp_path):
+    """A cube over both boxes is named with the first of them, whichever was the nearest before."""
+    assembly = prepare(on(tmp_path, CUBE, fixed(geoms(HALVES)), joints=[0, 0, 0.1, 1, 0, 0, 0])).assemble()
+    model, data = assembly.system.mj, assembly.data
+    (union,) = assembly.pairs
+    named = []
+    for before_m in (-0.3, 0.3):
+        for x_m in (before_m, 0.0):
+            data.qpos[0] = x_m
+            mujoco.mj_forward(model, data)
+            named.append(union.geoms_among(model, data, ()))
+    assert [of[1] for of in named] == ["floor/b0", "floor/b0", "floor/b1", "floor/b0"]
