@@ -82,7 +82,7 @@ class Recording:
             with_rerun: Write ``run.rrd`` into the folder.
             live: ``host:port`` of a Rerun viewer to stream to.
             columns: What a run in memory keeps of its rows, beside the time; None: all.
-            tap: Told of each event at once.
+            tap: Called with each event at once.
             start_s: Time of the state from which the run goes on, s.
 
         Raises:

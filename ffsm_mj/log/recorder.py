@@ -76,7 +76,7 @@ class Recorder:
             block: Array that the caller fills with rows, (lines, number of signals).
             sinks: Destinations of rows and events.
             complete: Computes the columns that are evaluated for a whole block, just before the block is passed on.
-            tap: Told of each event at once.
+            tap: Called with each event at once.
             by_clock: Flush at least once per wall second; otherwise whenever the block is full, so that the bytes of a log
                 do not depend on the speed of the machine.
             paced: Rows and events wait until there is time for them, see :meth:`use`; those of a full block do not.

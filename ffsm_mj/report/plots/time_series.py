@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import mujoco
 import numpy as np
 from matplotlib.figure import Figure
@@ -122,20 +120,26 @@ def torques(subject: Subject) -> Figure:
         low, high = (_effort(subject, name, side)[0] for side in ("lower", "upper"))
         applied, unit = _effort(subject, name, "applied")
         bounds = [
-            Curve("bounds" if values is low else "_", values, _GREY, (0, (4.0, 1.5)), 0.9, is_limit=True)
+            Curve("bounds" if values is low else "_", values, _GREY, (0, (4.0, 1.5)), 0.9)
             for values in (low, high)
             if np.all(np.isfinite(values))
         ]
         label = "torque" if unit == "N m" else "force"
         lines = [*bounds, Curve(label, applied, BLUE, "-")]
-        shown = lines if columns == 1 and i == 0 else [replace(line, label="_") for line in lines]
+        shown = lines if columns == 1 and i == 0 else [Curve("_", x.values, x.colour, x.style, x.width) for x in lines]
         panels.append(Panel(f"{short(name)}, {unit}", shown))
     return stacked(subject.run, panels, columns=columns, height_in=height)
 
 
 def _effort(subject: Subject, name: str, what: str) -> tuple[FloatArray, str]:
-    key = f"actuators.{identifier(name)}_{what}_N"
-    return (subject.run[key], "N") if key in subject.run.keys else (subject.run[f"{key}_m"], "N m")
+    """Values of a motor in the log and their unit; of a servo its force, of which the log has no limits."""
+    run, stem = subject.run, f"actuators.{identifier(name)}"
+    unit = next(unit for unit in ("N", "N_m") if f"{stem}_force_{unit}" in run.keys or f"{stem}_applied_{unit}" in run.keys)
+    if f"{stem}_force_{unit}" not in run.keys:
+        values = run[f"{stem}_{what}_{unit}"]
+    else:
+        values = run[f"{stem}_force_{unit}"] if what == "applied" else np.full(len(run.time), np.nan)
+    return values, unit.replace("_", " ")
 
 
 def inputs(subject: Subject) -> Figure:
