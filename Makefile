@@ -1,4 +1,4 @@
-.PHONY: engines sync format lint type contracts schema figures campaign variants screenshots browser-pictures docs reader reference validate test test-fast build release-notes check all
+.PHONY: engines sync format lint type contracts schema figures campaign variants screenshots browser-pictures docs gallery reader reference notebooks llms validate test test-fast build release-notes check all
 
 sync:        ## install everything a developer needs
 	uv sync --group dev
@@ -15,7 +15,7 @@ contracts:
 schema:      ## regenerate the committed JSON Schema
 	uv run ffsm schema > scenarios/ffsm.schema.json
 	uv run ffsm schema --campaign > scenarios/ffsm-campaign.schema.json
-figures:     ## the pictures of docs/verified-result.md, docs/persistent-contact.md, docs/capture.md, docs/capture-detumble.md, docs/capture-in-orbit.md, docs/probe-and-cone.md, docs/force-readings.md, docs/nozzle-capture.md, docs/handrail.md, docs/berth.md, docs/co-simulation.md, docs/linkage-gripper.md, docs/servo-arm.md, docs/flexible-joints.md, docs/friction.md, docs/grasp-by-friction.md, docs/sensitivity.md and docs/fit.md
+figures:     ## the pictures of docs/: verified-result, persistent-contact, capture, capture-detumble, missions, force-readings, co-simulation, grippers, joints, friction, sensitivity, fit
 	uv run ffsm run baseline --no-rerun --force --out logs/figures
 	uv run ffsm analyze logs/figures --plots docs/figures/baseline
 	uv run python docs/contact_force.py
@@ -55,10 +55,17 @@ screenshots: ## the pictures of the Rerun viewer (a Vulkan driver is enough, e.g
 	uv run --group dev python docs/screenshots.py
 browser-pictures: reader ## the pictures of pages in a browser (Chromium and ChromeDriver)
 	PYTHONPATH=. uv run --group dev python docs/browser_pictures.py
-docs:        ## the site, from docs/ and docstrings, into build/site; to look at: uv run --group docs mkdocs serve
+gallery:     ## docs/gallery.md and its pictures: some minutes
+	MUJOCO_GL=egl uv run --group dev python -W ignore docs/gallery.py
+docs:        ## the site, from docs/ and docstrings, with pages of all shipped scenarios, into build/site: some minutes; to look at without pages: uv run --group docs mkdocs serve
+	uv run --extra html python -W ignore docs/gallery.py --pages
 	uv run --group docs mkdocs build --strict --quiet
 reader:      ## an independent reader of the viewer topics, for tests/browser (needs npm)
 	cd tests/browser/reader && npm install --no-audit --no-fund --no-package-lock && npm run --silent build
+notebooks:   ## execute the notebooks of docs/notebooks and store what they print and show
+	uv run --group dev python docs/run_notebooks.py
+llms:        ## llms.txt, the index of the user guide for language models
+	python3 docs/site_hooks.py > llms.txt
 reference:   ## regenerate the committed log reference
 	uv run python docs/log_reference.py > docs/log-reference.md
 test:

@@ -1,4 +1,4 @@
-"""The table of ``docs/capture-in-orbit.md``: what the gravity gradient does to the stack that the wheels keep in LVLH.
+"""The table of ``docs/missions.md``: what the gravity gradient does to the stack that the wheels keep in LVLH.
 
 No jet fires in the phase ``keep``: only the gravity gradient changes the angular momentum about the stack's mass centre.
 """

@@ -1,4 +1,4 @@
-"""The figure of ``docs/flexible-joints.md``, from the scenario as it is: ``make figures``."""
+"""The figure of ``docs/joints.md``, from the scenario as it is: ``make figures``."""
 
 from __future__ import annotations
 

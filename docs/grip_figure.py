@@ -1,4 +1,4 @@
-"""The figure of ``docs/grasp-by-friction.md``, from the scenario as it is: ``make figures``.
+"""The figure of ``docs/grippers.md``, from the scenario as it is: ``make figures``.
 
 Above the pads' friction force as a share of 2 mu N, below the distance that the cube has slipped in the left pad.
 """

@@ -1,4 +1,4 @@
-"""The figures and the table of ``docs/handrail.md``, from the scenario as it is: ``make figures``."""
+"""The figures and the table of ``docs/missions.md``, from the scenario as it is: ``make figures``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The figure and the table of ``docs/linkage-gripper.md``, from the scenario as it is: ``make figures``."""
+"""The figure and the table of ``docs/grippers.md``, from the scenario as it is: ``make figures``."""
 
 from __future__ import annotations
 

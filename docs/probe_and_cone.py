@@ -1,4 +1,4 @@
-"""The figure and the table of ``docs/probe-and-cone.md``, from the scenario as it is: ``make figures``."""
+"""The figure and the table of ``docs/missions.md``, from the scenario as it is: ``make figures``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The figure and the table of ``docs/servo-arm.md``, from the scenario as it is and with other drives: ``make figures``."""
+"""The figure and the table of ``docs/grippers.md``, from the scenario as it is and with other drives: ``make figures``."""
 
 from __future__ import annotations
 

@@ -101,6 +101,39 @@ def test_the_log_reference_is_current():
     assert made == (ROOT / "docs" / "log-reference.md").read_text()
 
 
+SITE = runpy.run_path(str(ROOT / "docs" / "site_hooks.py"))
+
+
+def test_the_user_guide_lists_every_page_once():
+    """The navigation of the site and llms.txt are made of it."""
+    listed = sorted(file for entries in SITE["index"]().values() for _, file, _ in entries)
+    pages = [path for kind in ("*.md", "notebooks/*.ipynb") for path in (ROOT / "docs").glob(kind)]
+    assert listed == sorted(path.relative_to(ROOT / "docs").as_posix() for path in pages if path.name != "user-guide.md")
+
+
+def test_llms_txt_is_current():
+    """``make llms`` writes it."""
+    assert SITE["llms_txt"]() == (ROOT / "llms.txt").read_text(encoding="utf-8")
+
+
+def test_the_reference_has_every_public_name():
+    documented = [name for _, *names in SITE["API"].values() for name in names]
+    for name in documented:
+        pkgutil.resolve_name(name)
+    modules = {module.removeprefix("ffsm_mj."): names for module, names in ffsm_mj._NAMES.items()}
+    for module, names in modules.items():
+        missing = [name for name in names if not {f"ffsm_mj.{module}", f"ffsm_mj.{module}.{name}"} & {*documented}]
+        assert not missing, f"{module}: {missing}"
+
+
+def test_the_gallery_shows_every_scenario(monkeypatch):
+    """``make gallery`` writes the page and draws the pictures."""
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    gallery = runpy.run_path(str(ROOT / "docs" / "gallery.py"))
+    assert gallery["text"]() == (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
+    assert sorted(path.stem for path in gallery["PICTURES"].glob("*.png")) == list(gallery["scenario_names"]())
+
+
 PAGES = ["README.md", *sorted(str(page.relative_to(ROOT)) for page in (ROOT / "docs").glob("*.md"))]
 
 

@@ -115,13 +115,13 @@ def script(name):
 
 @pytest.mark.slow
 def test_the_table_of_the_linkage_gripper_is_current(gripped):
-    page = (DOCS / "linkage-gripper.md").read_text()
+    page = (DOCS / "grippers.md").read_text()
     assert "\n".join(script("linkage_gripper")["table"](gripped)) in page
 
 
 @pytest.mark.long
 @pytest.mark.slow
 def test_the_table_of_the_servo_arm_is_current():
-    made, page = script("servo_arm"), (DOCS / "servo-arm.md").read_text()
+    made, page = script("servo_arm"), (DOCS / "grippers.md").read_text()
     runs = {name: ffsm_mj.run("servo-arm", overrides) for name, (overrides, *_) in made["DRIVES"].items()}
     assert "\n".join(made["table"](runs)) in page
