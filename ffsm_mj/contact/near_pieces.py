@@ -7,6 +7,8 @@ of spheres around the pieces, and heights of a piece over the faces of the other
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -15,6 +17,7 @@ from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.contact.features.gap_function import Feature
 from ffsm_mj.contact.shape import Shape
 from ffsm_mj.contact.sides import Piece, Side
+from ffsm_mj.tolerances import PARALLEL
 
 _FEW = 1024
 """Up to so many pairs of pieces the spheres around all of them are compared: that takes less time than the tree."""
@@ -72,6 +75,38 @@ class NearPieces:
         level = float(normal @ at.point)
         highest, lowest = a.extents(model, data, normal), -b.extents(model, data, -normal)
         return highest <= level + tolerance, lowest >= level - tolerance
+
+    def on_planes_of(self, pairs: Iterable[int], points: Sequence[FloatArray], data: Any, reach: float) -> BoolArray:
+        """Which pairs of pieces go on in the planes in which some pairs have contact points, (pieces of a, pieces of b).
+
+        Args:
+            pairs: Places of pairs that touch; they count too.
+            points: Contact points, world axes, m, (3,) each.
+            data: MuJoCo's data, kinematics current.
+            reach: A plane passes a point within this, m.
+        """
+        chosen = np.zeros([len(side.pieces) for side in self._sides], dtype=bool)
+        for place, point in product(pairs, points):
+            pieces = zip(self._sides, np.unravel_index(place, chosen.shape), strict=True)
+            chosen[np.ix_(*(side.on_planes_of(side.pieces[k], side.local(data, point), reach) for side, k in pieces))] = True
+        return chosen
+
+
+def local_gap(shapes: tuple[Shape, Shape], normal: FloatArray, points: FloatArray) -> float:
+    """Least gap of two polytopes at their contact points, m, of faces and edges that are level to PARALLEL only.
+
+    Their separation is that of a corner which may be over the next piece: 1e-7 m lower, that is no touch of this one.
+
+    Args:
+        shapes: The polytopes, a and b.
+        normal: Normal from a to b, that of a face on one side, (3,).
+        points: Points midway of the gap, (k, 3), m.
+    """
+    a, b = shapes
+    if min(len(a.extreme(normal, PARALLEL)), len(b.extreme(-normal, PARALLEL))) == 1:
+        return -math.inf  # a corner: its separation is its gap
+    heights = points @ normal
+    return 2.0 * float(np.maximum(heights - a.extents(normal[None]), -b.extents(-normal[None]) - heights).min())
 
 
 def face_normal(

@@ -162,6 +162,21 @@ class Side:
         """Pieces whose boxes are within a reach of a point, axes of the body, m."""
         return [self.pieces[k] for k in self.tree.near(point, point, reach).tolist()]
 
+    def local(self, data: Any, point: FloatArray) -> FloatArray:
+        """A point of world axes in the axes of the body, m, (3,)."""
+        return np.asarray((point - data.xpos[self.body]) @ data.xmat[self.body].reshape(3, 3))
+
+    def surfaces_at(self, model: Any, data: Any, point: FloatArray, reach: float) -> dict[Piece, FloatArray]:
+        """Pieces that have a point, world axes, on their surface, within a reach in m, with the normals there."""
+        rotation, there = data.xmat[self.body].reshape(3, 3), {}
+        for piece in self.at(self.local(data, point), reach):
+            normals = Shape(model, data, piece.geom, piece.part).normals_at(point, reach)
+            if normals is not None:
+                exposed = [normal for normal in normals if not self.is_covered(piece, normal @ rotation)]
+                if exposed:
+                    there[piece] = np.array(exposed)
+        return there
+
     @cached_property
     def _sharing(self) -> dict[Plane, list[int]]:
         """Numbers of the pieces with a face in each plane, looking to the same side."""

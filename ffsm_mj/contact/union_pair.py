@@ -23,7 +23,7 @@ from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.cells import cells, chosen_cell, in_cone, separating_normals
 from ffsm_mj.contact.features.gap_function import Feature
-from ffsm_mj.contact.near_pieces import NearPieces, face_normal, sphere_normal
+from ffsm_mj.contact.near_pieces import NearPieces, face_normal, local_gap, sphere_normal
 from ffsm_mj.contact.normal import DISTANCE_LIMIT_M, ContactNormal, NormalSearch, separation
 from ffsm_mj.contact.pairs import ContactPair, gap_rounding
 from ffsm_mj.contact.patch import corners_across, facing, opposite
@@ -112,29 +112,20 @@ class PiecePair(ContactPair):
 
     def alone(self, model: Any, data: Any) -> Proximity:
         """Gap, normal, points and rates of these two pieces as if there were no others."""
-        near = self._over_each_other(super().proximity(model, data), model, data)
+        near = self._with_local_gap(super().proximity(model, data), model, data)
         if near.gap >= -DRIFT_M or self.gap(model, data) < -DISTANCE_QUERY_M:
             return near
         # Deeper than a contact drifts, and no overlap: a body that slides over a seam touches the next piece on top, where
         # it approached its covered side. The normal turns at once, and the search does not find it from the last one.
         if (face := face_normal(self.pieces, self.union.sides, data, self.shapes(model, data))) is not None:
             self._search.start_from(face)
-        return self._over_each_other(super().proximity(model, data), model, data)
+        return self._with_local_gap(super().proximity(model, data), model, data)
 
-    def _over_each_other(self, near: Proximity, model: Any, data: Any) -> Proximity:
-        """The proximity with the gap at its points, of faces and edges that are level to PARALLEL only.
-
-        Their separation is that of a corner which may be over the next piece: 1e-7 m lower, that is no touch of this one.
-        """
+    def _with_local_gap(self, near: Proximity, model: Any, data: Any) -> Proximity:
+        """The proximity with the gap at its points, of faces and edges that are level to PARALLEL only."""
         if near.gap > CONTACT_GAP_M or self.is_curved:
             return near
-        (a, b), normal = self.shapes(model, data), near.normal
-        if min(len(a.extreme(normal, PARALLEL)), len(b.extreme(-normal, PARALLEL))) == 1:
-            return near
-        # Points are midway of the gap, and the normal is that of the face on one side.
-        heights = near.points @ normal
-        above = np.maximum(heights - a.extents(normal[None]), -b.extents(-normal[None]) - heights)
-        gap = 2.0 * float(above.min())
+        gap = local_gap(self.shapes(model, data), near.normal, near.points)
         return replace(near, gap=gap) if gap > near.gap + MERGED_M else near
 
     def _contact_normal(self, model: Any, data: Any, shapes: tuple[Shape, Shape]) -> ContactNormal:
@@ -168,9 +159,8 @@ class UnionPair(ContactPair):
         of_rule: Numbers of the pieces of each that the rule names.
         joined: Pairs of pieces that touch at the start of a step while persistent contact holds the pair: these are
             watched by their contact points, all others by their distance.
-        level: Which others go on in a plane of those, (pieces of a, pieces of b): they are watched in both ways. Where they
-            land in the plane of a contact that is held, contact points find it, as between two whole bodies. A distance
-            would be off by the drift of the held points, times how much nearer to them a seam is.
+        level: Which others go on in a plane of those, (pieces of a, pieces of b). They are followed too, but contact points
+            find where they land in that plane: a distance is off by the drift of held points, times a ratio of lever arms.
     """
 
     has_pieces = True
@@ -210,12 +200,10 @@ class UnionPair(ContactPair):
         a, b = sides
         self._radii = a.radius_about(first[0]), b.radius_about(first[1])
         self.joined: frozenset[int] = frozenset()
-        self.level, self._knows_level = np.zeros_like(self._allowed), False
         self._near, self._last, self._last_watched = NearPieces(sides), -1, -1
         self._closed: tuple[Feature, ...] = ()
         self._face: Feature | None = None
-        self._parted: tuple[BoolArray, BoolArray] | None = None
-        self._apart, self.is_beside = self._allowed, True
+        self._watch(None)
         self._together: Sequence[UnionPair] = (self,)
 
     @dataclass
@@ -394,21 +382,11 @@ class UnionPair(ContactPair):
             self.joined = joined
             self._watch(parted)
         if not self._knows_level:
-            self._level(data)
+            points = [np.asarray(feature.at(data).point) for feature in self._closed]
+            self.level = self._near.on_planes_of(joined, points, data, AT_POINT_M) & self._apart
+            self._knows_level = True
         if self._apart.flat[list(left)].any():
             self.on_left()
-
-    def _level(self, data: Any) -> None:
-        """Find the pairs of pieces that are level."""
-        for point in (np.asarray(feature.at(data).point) for feature in self._closed):
-            for number in self.joined:
-                on_planes = [
-                    side.on_planes_of(piece, (point - data.xpos[side.body]) @ data.xmat[side.body].reshape(3, 3), AT_POINT_M)
-                    for side, piece in zip(self.sides, self.piece_pair(number).pieces, strict=True)
-                ]
-                self.level[np.ix_(*on_planes)] = True
-        self.level &= self._apart
-        self._knows_level = True
 
     def _goes_on(self, pair: PiecePair, model: Any, data: Any) -> bool:
         """Whether the contact of two pieces is in a patch that is held."""
@@ -456,12 +434,7 @@ class UnionPair(ContactPair):
     ) -> Proximity:
         """Proximity of two pieces that touch, with the normals of the unions: the patch that approaches fastest.
 
-        Args:
-            model: MuJoCo model.
-            data: Its data, kinematics and velocities current.
-            pair: The two pieces.
-            alone: Their proximity as if there were no others.
-            without_closed: Leave out patches in which contact is held.
+        ``alone`` is their proximity as if there were no others; ``without_closed`` leaves out patches that are held.
         """
         # Gaps of a patch that is held drift by the truncation error of a step: that is no approach.
         patches = [
@@ -529,7 +502,7 @@ class UnionPair(ContactPair):
         """Normals of the contact at a point where two pieces touch, each with a pair of pieces that has it."""
         if pair.is_curved and self._is_covered(pair, data, near.normal):
             return  # the next cylinder has the contact
-        a, b = (self._there(side, model, data, point) for side in self.sides)
+        a, b = (side.surfaces_at(model, data, point, AT_POINT_M) for side in self.sides)
         # Deeper overlaps have no common point of both surfaces: they are asked for to find when they began.
         if near.gap < -CONTACT_GAP_M or (len(a) <= 1 and len(b) <= 1 and not may_tie(a, b)):
             yield near.normal, pair
@@ -563,28 +536,13 @@ class UnionPair(ContactPair):
         of_b = self._velocity(data, self.body_b, self._root2, there)
         return np.asarray((of_b - self._velocity(data, self.body_a, self._root1, there))[0])
 
-    def _there(
-        self, side: Side, model: Any, data: Any, point: FloatArray, reach: float = AT_POINT_M
-    ) -> dict[Piece, FloatArray]:
-        """Pieces of a side that have a point on their surface, within a reach in m, with the normals there."""
-        rotation = data.xmat[side.body].reshape(3, 3)
-        local = (point - data.xpos[side.body]) @ rotation
-        there = {}
-        for piece in side.at(local, reach):
-            normals = Shape(model, data, piece.geom, piece.part).normals_at(point, reach)
-            if normals is not None:
-                exposed = [normal for normal in normals if not side.is_covered(piece, normal @ rotation)]
-                if exposed:
-                    there[piece] = np.array(exposed)
-        return there
-
     def second_rate(self, model: Any, data: Any, near: Proximity, point: FloatArray) -> SecondRate:
         """Second rate of the gap at one of the points of a patch; accelerations in ``data`` must be current."""
         owner, half = _owner(near, point), 0.5 * near.gap * near.normal
         # As far from the end of its face as a point still counts as at the end.
         shapes = [
             AmongOthers(
-                model, data, piece, [*self._there(side, model, data, point, 2.0 * AT_END * piece.radius)], point, side.body
+                model, data, piece, [*side.surfaces_at(model, data, point, 2.0 * AT_END * piece.radius)], point, side.body
             )
             for piece, side in zip(owner.pieces, self.sides, strict=True)
         ]
@@ -603,7 +561,7 @@ class UnionPair(ContactPair):
         met = [
             self.number_of(one, other)
             for point in points
-            for a, b in (tuple(self._there(side, model, data, point) for side in self.sides),)
+            for a, b in (tuple(side.surfaces_at(model, data, point, AT_POINT_M) for side in self.sides),)
             for one in a
             for other in b
             if self._allowed[one.number, other.number]
