@@ -191,6 +191,12 @@ def plural(number: int, noun: str) -> str:
     return f"{number} {noun}{'s' * (number != 1)}"
 
 
+def first_few(names: Sequence[str], most: int = 4) -> str:
+    """The first of some names, and how many more there are."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
+
+
 def printable(text: str) -> str:
     """Lines with everything escaped that a terminal could take for more than text; the line ends stay."""
     return text if text.replace("\n", "").isprintable() else "\n".join(map(one_line, text.split("\n")))

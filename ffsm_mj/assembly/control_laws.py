@@ -25,7 +25,7 @@ from ffsm_mj.config import StrictModel
 from ffsm_mj.controller_protocol import ChecksStart, Controller, ControllerContext, Drives, Finishes, Task
 from ffsm_mj.dynamics.site_motion import MovingFrame
 from ffsm_mj.dynamics.trajectories import PathMotion, SiteTarget, TargetMotion
-from ffsm_mj.errors import Fault, Faults, InputError, ScenarioFaults, described, faults_below, unknown_name
+from ffsm_mj.errors import Fault, Faults, InputError, ScenarioFaults, described, faults_below, first_few, unknown_name
 from ffsm_mj.model.actuators import servo_mask
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Columns, same_names
@@ -439,4 +439,4 @@ def _motors(system: System) -> set[int]:
 
 
 def _actuator_names(system: System, actuators: list[int]) -> str:
-    return ", ".join(system.names("actuator")[i] for i in actuators)
+    return first_few([system.names("actuator")[i] for i in actuators])

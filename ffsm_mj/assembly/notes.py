@@ -34,7 +34,7 @@ from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
 from ffsm_mj.dynamics.loops.equalities import ConstrainedModel, equalities_of
 from ffsm_mj.dynamics.reach import Reach, reach_of
 from ffsm_mj.dynamics.stiff_actuators import StiffActuators
-from ffsm_mj.errors import described, plural
+from ffsm_mj.errors import described, first_few, plural
 from ffsm_mj.hull import hull_offset
 from ffsm_mj.log.drawing import CheckedPair, InitialScene, NamedPoint
 from ffsm_mj.model.actuators import servo_mask
@@ -51,8 +51,6 @@ from ffsm_mj.tolerances import MECHANISM_RANK
 _SHOWN_M = 1e-4
 """Meshes whose convex hull is closer than this are not mentioned."""
 _MOST_MESHES = 6
-_MOST_NAMES = 4
-"""Pairs that a note names."""
 
 
 def rule_lines(contacts: Contacts) -> Iterator[str]:
@@ -114,7 +112,7 @@ def _left_out(contacts: Contacts, system: System) -> Iterator[str]:
     names = [model.name for model in system.models]
     if counts:
         pairs = [f"{names[a]} with {'itself' if a == b else names[b]} ({count})" for (a, b), count in sorted(counts.items())]
-        which = _first_few(pairs)
+        which = first_few(pairs)
         yield f"overlaps of other pairs are reported, not resolved (contacts.rules, contacts.ignored): {which}"
 
 
@@ -157,13 +155,7 @@ def disarmed_pairs(assembly: Assembly) -> Iterator[str]:
                 named = {pair.geom_ids: pair for pair in reversed(assembly.pairs) if pair.geom_ids in pairs}
                 names = [pair.shared_name if isinstance(pair, ConePair) else pair.name for pair in reversed(named.values())]
                 if names:
-                    yield f"while {name!r} is closed, these pairs are on one rigid body and cannot meet: {_first_few(names)}"
-
-
-def _first_few(names: Sequence[str]) -> str:
-    """The first of some names, and how many more there are."""
-    more = [f"and {len(names) - _MOST_NAMES} more"] if len(names) > _MOST_NAMES else []
-    return ", ".join([*names[:_MOST_NAMES], *more])
+                    yield f"while {name!r} is closed, these pairs are on one rigid body and cannot meet: {first_few(names)}"
 
 
 _NEAR = 1e-4

@@ -95,7 +95,7 @@ def _perform(arguments: Sequence[str], output: Output) -> int:
             with _quiet_libraries() if options.command in _READERS else nullcontext():
                 return _implementation(options.command)(options, output)
     except HelpRequest as asked:
-        output.write(str(asked))
+        output.say(str(asked))
         return OK
     except InputError as error:
         for line in error.lines:
@@ -156,7 +156,7 @@ def _implementation(command: str | None) -> Callable[[argparse.Namespace, Output
 
 def _usage(options: argparse.Namespace, output: Output) -> int:
     if not options.version:
-        output.write(parser().format_help().rstrip())
+        output.say(parser().format_help().rstrip())
         return OK
     from importlib.metadata import version
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ffsm_mj.analysis.run import Run
-from ffsm_mj.errors import one_line, plural
+from ffsm_mj.errors import first_few, one_line, plural
 from ffsm_mj.invocation import command
 from ffsm_mj.log.scenario import scenario_data
 from ffsm_mj.report.terminal import table
@@ -19,7 +19,6 @@ _STEP_HINT = (
 )
 _FINEST = 1e-9
 """Least accuracy that a scenario may ask for."""
-_MOST_NAMES = 4
 
 
 def check_table(checks: Sequence[Check]) -> str:
@@ -79,10 +78,5 @@ def verdict(run: Run, checks: Sequence[Check]) -> str:
     broken = [f"{check.name} of {check.subsystem}" for check in checks if not (check.passes or check.fails_by_truncation)]
     short = [f"{check.name} of {check.subsystem}" for check in checks if check.fails_by_truncation]
     verdicts = [("FAILED", broken), ("checks fail by the truncation of the step alone", short)]
-    words = "; ".join(f"{head}: {_listed(names)}" for head, names in verdicts if names) or f"all {len(checks)} checks pass"
+    words = "; ".join(f"{head}: {first_few(names)}" for head, names in verdicts if names) or f"all {len(checks)} checks pass"
     return f"{words} over {run.digest.end_s:g} s ({plural(run.digest.samples, 'sample')})"
-
-
-def _listed(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
-    return ", ".join(names[:_MOST_NAMES]) + more

@@ -10,6 +10,13 @@ from ffsm_mj.analysis.comparison import Comparison, ImpactDifference, RecordsDif
 from ffsm_mj.errors import one_line
 from ffsm_mj.report.terminal import table
 
+_IMPACTS = (
+    *("contact", "pair", "first\nat s", "second\nat s", "change\ns"),
+    *("first\nN s", "second\nN s", "change\nN s"),
+)
+"""Columns of impacts: times and impulses in the first and the second run."""
+_SPARE = ("change", "change", "contact")
+
 
 def comparison_report(labels: tuple[str, str], comparison: Comparison) -> str:
     """Text report of the differences between two runs."""
@@ -19,8 +26,7 @@ def comparison_report(labels: tuple[str, str], comparison: Comparison) -> str:
     parts = [f"{head}: {comparison.samples} common times up to {comparison.end_s:g} s", _scenario_lines(comparison)]
     parts.append(_record_lines(comparison))
     if any(pair.a != pair.b for pair in comparison.impacts):
-        names = ("contact", "pair", "time s", "", "change s", "impulse N s", "", "change N s")
-        parts.append(table(names, (_impact_row(i, pair) for i, pair in enumerate(comparison.impacts))))
+        parts.append(table(_IMPACTS, (_impact_row(i, pair) for i, pair in enumerate(comparison.impacts)), spare=_SPARE))
     parts.append(_motion_lines(comparison))
     return "\n\n".join(part for part in parts if part)
 
@@ -52,8 +58,8 @@ def _compared(difference: RecordsDifference) -> str:
 
 
 def _impact_row(i: int, pair: ImpactDifference) -> tuple[str, ...]:
-    times = [f"{r.time_s:.6f}" if r else "none" for r in (pair.a, pair.b)]
-    impulses = [f"{r.impulse_N_s:.6f}" if r else "none" for r in (pair.a, pair.b)]
+    times = [f"{r.time_s:.6f}" if r else "-" for r in (pair.a, pair.b)]
+    impulses = [f"{r.impulse_N_s:.6f}" if r else "-" for r in (pair.a, pair.b)]
     changes = [f"{x:+.2e}" if math.isfinite(x) else "-" for x in (pair.time_s, pair.impulse_N_s)]
     pairs = dict.fromkeys(r.pair for r in (pair.a, pair.b) if r)
     return str(i + 1), " -> ".join(pairs), *times, changes[0], *impulses, changes[1]

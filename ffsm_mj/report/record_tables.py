@@ -101,7 +101,7 @@ _SERIES_OF_IMPACTS: tuple[Column, ...] = (
 """Columns of all impacts of a rule; ``impulse`` is the sum of the normal impulses."""
 _LESS_OF_CHANGES = ("|dL|", "|dP|", "dT", "mu", "e", "approach")
 _LESS_OF_IMPACTS = ("slowest", "e", "fastest")
-_LESS_OF_CONTACTS = ("at", "pairs", "sliding", "slip", "friction")
+_LESS_OF_CONTACTS = ("at", "pairs", "sliding", "slip", "friction", "to")
 """Columns that can be spared on a narrow terminal."""
 
 

@@ -45,6 +45,8 @@ def wrapped(text: str, stream: TextIO | None = None) -> str:
         if len(line) > room:
             indent = " " * (len(line) - len(line.lstrip()) + 2)
             firm = _COMPONENTS.sub(lambda blanks: _FIRM * len(blanks[0]), _UNIT.sub(_FIRM, line))
+            if len(indent) + max(map(len, firm.split(" "))) > room:  # a vector that is longer than a line
+                firm = _UNIT.sub(_FIRM, line)
             line = fill(firm, room, subsequent_indent=indent, break_on_hyphens=False, break_long_words=False)  # noqa: PLW2901
         lines.append(line.replace(_FIRM, " "))
     return "\n".join(lines)

@@ -8,6 +8,7 @@ import sys
 import pytest
 
 from ffsm_mj.cli.standard_streams import Output, complain
+from ffsm_mj.report.terminal import table
 
 RED, END = "\x1b[1;31m", "\x1b[0m"
 
@@ -37,6 +38,17 @@ def test_lines_that_fail_are_red(monkeypatch):
     complain("FAILED: energy of total")
     assert out.getvalue() == f"{RED}  energy  total  1.0  FAILED{END}\n  energy  robot  0.0  passes\n"
     assert err.getvalue() == f"{RED}FAILED: energy of total{END}\n"
+
+
+def test_every_line_of_a_folded_row_has_its_colour(monkeypatch):
+    out, _ = terminals(monkeypatch)
+    monkeypatch.setattr("ffsm_mj.report.terminal.terminal_width", lambda: 40)
+    rows = [("no joint past its limit", "4.4e-16", "FAILED"), ("contact geometry", "1.0e-09", "passes")]
+    Output().say(table(("check", "worst", ""), rows))
+    lines = out.getvalue().splitlines()
+    red = [line for line in lines if line.startswith(RED) and line.endswith(END)]
+    assert [line for line in lines if "\x1b" in line] == red
+    assert " ".join("".join(red).replace(RED, " ").replace(END, " ").split()) == "no joint past its 4.4e-16 FAILED limit"
 
 
 def test_colours_of_a_file_are_escaped(monkeypatch):

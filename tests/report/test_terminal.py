@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 
 import pytest
 
 from ffsm_mj.report import terminal as module
-from ffsm_mj.report.terminal import table, wrapped
+from ffsm_mj.report.terminal import table, wrapped, wrapped_command
 
 HEAD, ROWS = (
     ("law", "of", "worst", "unit", "at s"),
@@ -87,3 +88,14 @@ def test_lines_are_wrapped_before_words_and_not_within_a_quantity_or_a_vector(te
     assert wrapped(row).split("\n") == ["    satellite/right_fixture", "      2.4978  -0.5504   1.000  0.006"]
     terminal(None)
     assert wrapped(line) == line
+
+
+@pytest.mark.parametrize("width", [40, 60, 80])
+def test_a_command_is_the_same_command_however_it_is_wrapped(terminal, width):
+    """What is copied from a narrow terminal is what a shell takes as one command, quoted words whole."""
+    terminal(width)
+    words = ["uv", "run", "ffsm", "run", "a file with a name/of many words.yaml", "-s", "a.b='c d'", *["--option", "x"] * 6]
+    lines = wrapped_command("view: ", shlex.join(words)).split("\n")
+    assert max(map(len, lines)) <= max(width, len("'a file with a name/of many words.yaml' \\") + 2)
+    assert all(line.endswith(" \\") for line in lines[:-1])
+    assert shlex.split("\n".join(lines).removeprefix("view: ").replace("\\\n", " ")) == words

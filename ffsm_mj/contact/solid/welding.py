@@ -88,10 +88,10 @@ class WeldReport:
 
     def __str__(self) -> str:
         """One line for people."""
-        return (
-            f"{self.merged} faces share the plane of a larger one, greatest move {self.greatest_move_m:.1e} m, "
-            f"residual {self.residual_m:.1e} m"
-        )
+        moved = f", greatest move {self.greatest_move_m:.1e} m" if self.greatest_move_m else ""
+        residual = f", residual {self.residual_m:.1e} m" if self.residual_m else ""
+        shared = "1 face shares" if self.merged == 1 else f"{self.merged} faces share"
+        return f"{shared} the plane of a larger one{moved}{residual}"
 
 
 @dataclass(frozen=True, eq=False)
