@@ -192,9 +192,10 @@ def plural(number: int, noun: str) -> str:
 
 
 def first_few(names: Sequence[str], most: int = 4) -> str:
-    """The first of some names, and how many more there are."""
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + more
+    """The first of some names, and how many more there are; one more has room."""
+    if len(names) <= most + 1:
+        return ", ".join(names)
+    return f"{', '.join(names[:most])} and {len(names) - most} more"
 
 
 def printable(text: str) -> str:

@@ -36,13 +36,13 @@ def test_what_is_welded_is_said(described):
     lines, notes = described(1e-6, 1e-5)
     assert lines[0] == "  unions of convex pieces"
     assert lines[1].startswith("    floor: 2 pieces; ")
-    assert lines[1].endswith("greatest move 1.0e-06 m, residual 0.0e+00 m")
+    assert lines[1].endswith("greatest move 1.0e-06 m")
     assert notes == []
 
 
 def test_a_missed_weld_is_noted(described):
     lines, notes = described(5e-9, 1e-9)
-    assert "greatest move 0.0e+00 m" in lines[1]
+    assert "move" not in lines[1]
     assert notes == ["floor/large and floor/small leave a step of 5.0e-09 m, which is real: contacts.weld_m is smaller"]
     assert described(1e-6, 1e-9)[1] == []
 

@@ -59,7 +59,7 @@ def test_case_7_a_step_of_a_micrometre_is_welded():
     assert {plane for plane, _ in upper(welded)} == {upper(welded)[0][0]}
     assert [offset for _, offset in upper(welded)] == [0.0, 0.0]
     assert welded.report.greatest_move_m == pytest.approx(1e-6, abs=1e-15)
-    assert "greatest move 1.0e-06 m, residual 0.0e+00 m" in str(welded.report)
+    assert str(welded.report).endswith("greatest move 1.0e-06 m")
 
 
 def test_a_real_step_stays_and_is_reported():
