@@ -20,12 +20,16 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 CORE = Path("ffsm_mj", "_core")
 # What memoryviews need, once for all modules: in each of them it would be 17 000 lines of C.
 SHARED = "_memoryviews"
-_LINK = ["-bundle", "-undefined", "dynamic_lookup"] if sys.platform == "darwin" else ["-shared"]
+_LINK = {
+    "darwin": ["-bundle", "-undefined", "dynamic_lookup", "-fPIC"],
+    # Not yet tried. A DLL has no undefined symbols: those of Python are in its import library. -fPIC does not exist.
+    "win32": ["-shared", f"-L{Path(sys.base_prefix, 'libs')}", "-lpython{}{}".format(*sys.version_info)],
+}.get(sys.platform, ["-shared", "-fPIC"])
 # Initialisers set every array, and classes say themselves how they are pickled; code for both is a tenth of the modules.
 _CYTHON = ("-3", "-X", "initializedcheck=False,auto_pickle=False")
 # -O2 takes ten seconds more of processor time, and runs are no faster. Products and sums are rounded separately, as in
 # Python: fused ones would change last bits from one compiler to another.
-_FLAGS = ["-O1", "-DNDEBUG", "-fPIC", "-fwrapv", "-ffp-contract=off", *_LINK]
+_FLAGS = ["-O1", "-DNDEBUG", "-fwrapv", "-ffp-contract=off"]
 _NO_HEADERS = (
     "ffsm-mj: Python.h is not in {folder}: install Python's headers (Debian, Ubuntu: apt install python3-dev), "
     "or use a Python that has them (uv run --managed-python ffsm)"
@@ -78,7 +82,7 @@ def build(root: Path, modules: Iterable[str] = ()) -> list[Path]:
         suffix = sysconfig.get_config_var("EXT_SUFFIX")
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             for done in [
-                pool.submit(subprocess.check_call, [*compiler, f"{name}.c", "-o", f"{name}{suffix}"], cwd=copy)
+                pool.submit(subprocess.check_call, [*compiler, f"{name}.c", "-o", f"{name}{suffix}", *_LINK], cwd=copy)
                 for name in names
             ]:
                 done.result()

@@ -1,4 +1,4 @@
-"""The figure and the table of ``docs/force-readings.md``, from ``probe-and-cone`` as it is: ``make figures``."""
+"""The figure and the table of ``docs/sensors.md``, from ``probe-and-cone`` as it is: ``make figures``."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ COLUMNS = 3
 SIZE = (330, 270)
 COLOURS = 64
 EXPLAINED = {
-    "air-bearing": "playback.md",
+    "air-bearing": "phases.md#playback",
     "baseline": "verified-result.md",
     "berth": "missions.md#berth",
     "capture": "capture.md",
