@@ -1,8 +1,18 @@
-"""A random scene on pieces against the same body on the whole box, and on the same pieces once more cut."""
+"""A random scene on pieces against the same body on the whole box, and on the same pieces once more cut.
+
+Some motions amplify rounding beyond any tolerance: a box that rebounds on two edges at once falls to either side by the last
+bit, the contact point of a nearly level cylinder rolls round its rim at 200 m/s, and each of a hundred impacts adds its share.
+Where pieces differ, the run on the whole box is made again from starts moved by 1e-15 m: what differs as much there is of the
+motion, not of pieces.
+"""
 
 from __future__ import annotations
 
+import json
+import math
+import re
 import tempfile
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,6 +32,11 @@ OF_CUTS, OF_ORDER = 1e-9, 1e-12
 Planes of pieces are those of the file, sums of sizes and places with an error of 1e-17 m. An impact amplifies it by the
 lever arm over the gap at which two of its contacts are told apart; a bounce or so passes it on.
 """
+MOVED, SHARE = 1e-15, 4.0
+"""Move of a start, m: sums of sizes and places, and of poses that turn, differ by a few roundings of 1e-16 m. Differences of
+pieces are those of the motion up to so many times what such moves make: a growing error is random, within factors."""
+_MOST_LINES = 10
+_SIZE = re.compile(r"(.*) off by ([0-9.e+-]+)")
 
 
 @dataclass
@@ -31,7 +46,8 @@ class Verdict:
     Attributes:
         name: What the scene is.
         faults: What is wrong on pieces; empty if nothing is.
-        of_whole: What is wrong on the whole box, if anything is wrong on pieces: it is no matter of unions.
+        of_whole: What is wrong on the whole box, or as large if its start moves by rounding, if anything is wrong on pieces:
+            it is no matter of unions.
         text: The files of the scene on pieces.
     """
 
@@ -78,8 +94,36 @@ def judge(seed: int) -> Verdict:
         # A whole box on which the run ends early or fails a check says the same on pieces, and nothing of them.
         of_whole = [f"whole: {fault}" for fault in wrong(whole)] if faults else []
         faults = [] if of_whole else faults
-        faults += [f"pieces, not whole: {line}" for line in differences(whole, pieces, OF_CUTS)]
+        of_cuts = [*differences(whole, pieces, OF_CUTS, most=None)]
         # An impact divides velocities by small levers: each may add as much as all sums in another order differ by.
         allowed = OF_ORDER * (1 + len(pieces.impacts)) if len(drawn.pieces) > 1 else OF_CUTS
-        faults += [f"other pieces: {line}" for line in differences(pieces, other, allowed)]
+        of_order = [*differences(pieces, other, allowed, most=None)]
+        if of_cuts or of_order:
+            moved = _sizes(line for again in _moved(paths[0]) for line in differences(whole, again, 0.0, most=None))
+            lines = [*(f"pieces, not whole: {line}" for line in of_cuts), *(f"other pieces: {line}" for line in of_order)]
+            if all(size <= SHARE * moved.get(what, 0.0) for what, size in _sizes((*of_cuts, *of_order)).items()):
+                of_whole += [f"as if the start moves by rounding: {line}" for line in lines[:_MOST_LINES]]
+            else:
+                faults += lines[:_MOST_LINES]
         return Verdict(drawn.name, faults, of_whole, text_of(paths[1]))
+
+
+def _moved(path: Path) -> Iterable[Any]:
+    """Runs of a scene whose body starts beside, above or below its place by rounding."""
+    text = path.read_text()
+    for axis, by in ((0, MOVED), (0, -MOVED), (2, MOVED), (2, -MOVED)):
+        scene = json.loads(text)
+        scene["initial"]["joints"]["free"][axis] += by
+        beside = path.with_name("moved.yaml")
+        beside.write_text(json.dumps(scene))
+        yield ffsm_mj.run(beside)
+
+
+def _sizes(lines: Iterable[str]) -> dict[str, float]:
+    """Largest difference of each quantity; infinite of all that is no number, by the kind of line."""
+    sizes: dict[str, float] = {}
+    for line in lines:
+        found = _SIZE.match(line)
+        what, size = (found[1], float(found[2])) if found else (re.sub(r"[0-9].*", "", line), math.inf)
+        sizes[what] = max(sizes.get(what, 0.0), size)
+    return sizes

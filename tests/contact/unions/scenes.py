@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
-from itertools import groupby
+from itertools import groupby, islice
 from pathlib import Path
 from typing import Any
 
@@ -139,8 +139,8 @@ def _event(record: Any) -> Event | None:
     return Event(type(record).__name__, tuple(texts), values)
 
 
-def differences(run: Any, other: Any, tolerance: float) -> Iterator[str]:
-    """What two runs say differently beyond ``tolerance`` (1 + size), names of pieces aside; the first ten of each sort."""
+def differences(run: Any, other: Any, tolerance: float, most: int | None = 10) -> Iterator[str]:
+    """What two runs say differently beyond ``tolerance`` (1 + size), names of pieces aside; the first few of each sort."""
     if run.outcome != other.outcome:
         yield f"{other.outcome} ({other.message}), was {run.outcome} ({run.message})"
     ours, theirs = events_of(run), events_of(other)
@@ -151,8 +151,8 @@ def differences(run: Any, other: Any, tolerance: float) -> Iterator[str]:
         said, was = (" ".join(map(str, k[at : at + 3])) or "none" for k in (other_kinds, kinds))
         yield f"{len(theirs)} events, were {len(ours)}; from event {at + 1} on: {said}; were: {was}"
     else:
-        yield from _wrong_numbers(ours, theirs, tolerance)
-    yield from _wrong_columns(run, other, tolerance)
+        yield from islice(_wrong_numbers(ours, theirs, tolerance), most)
+    yield from islice(_wrong_columns(run, other, tolerance), most)
 
 
 def _said(event: Event) -> str:
@@ -160,7 +160,6 @@ def _said(event: Event) -> str:
 
 
 def _wrong_numbers(ours: Sequence[Event], theirs: Sequence[Event], tolerance: float) -> Iterator[str]:
-    lines = []
     for event, other in zip(ours, theirs, strict=True):
         later_s = abs(float(event.values["time_s"][0] - other.values["time_s"][0]))
         # The end of a step by drift is no event of the motion: its numbers are those of other times, and the rows tell that
@@ -170,10 +169,9 @@ def _wrong_numbers(ours: Sequence[Event], theirs: Sequence[Event], tolerance: fl
         for name, value in event.values.items():
             again = other.values[name]
             if value.shape != again.shape:
-                lines.append(f"{_said(event)}: {name} has {again.size} numbers, had {value.size}")
+                yield f"{_said(event)}: {name} has {again.size} numbers, had {value.size}"
             elif (size := _apart(value, again)) > tolerance:
-                lines.append(f"{_said(event)}: {name} off by {size:.1e}")
-    yield from lines[:10]
+                yield f"{_said(event)}: {name} off by {size:.1e}"
 
 
 def _apart(value: np.ndarray, again: np.ndarray) -> float:
@@ -184,7 +182,6 @@ def _apart(value: np.ndarray, again: np.ndarray) -> float:
 
 
 def _wrong_columns(run: Any, other: Any, tolerance: float) -> Iterator[str]:
-    lines = []
     if len(run.time) != len(other.time):
         yield f"{len(other.time)} rows, were {len(run.time)}"
         return
@@ -195,5 +192,4 @@ def _wrong_columns(run: Any, other: Any, tolerance: float) -> Iterator[str]:
         rows = [_apart(a, b) for a, b in zip(values[:, None], again[:, None], strict=True)]
         if (worst := int(np.argmax(rows))) is not None and rows[worst] > tolerance:
             first = int(np.argmax(np.array(rows) > tolerance))
-            lines.append(f"{key} off by {rows[worst]:.1e} at {run.time[worst]:g} s, first at {run.time[first]:g} s")
-    yield from lines[:10]
+            yield f"{key} off by {rows[worst]:.1e} at {run.time[worst]:g} s, first at {run.time[first]:g} s"
