@@ -26,7 +26,7 @@ def _text(template: str) -> rich.TextColumn:
     return rich.TextColumn(template, markup=False, table_column=Column(no_wrap=True, overflow="crop"))
 
 
-class _Pace:
+class Pace:
     """Remaining time of a stage that counts, such as the runs of a campaign: its mean rate since its first report.
 
     Between two reports it counts down, so that it is steady however seldom something is done.
@@ -71,7 +71,7 @@ class ProgressLine(rich.Progress, Progress):
     def __init__(self) -> None:
         """Start without a stage; nothing is displayed yet."""
         self._reported: tuple[float, float | None] = 0.0, None
-        self._pace = _Pace()
+        self._pace = Pace()
         # stdout carries the command's result: rich must not redirect it to print above the line.
         console = Console(stderr=True)
         super().__init__(console=console, transient=True, redirect_stdout=False, speed_estimate_period=_WINDOW_S)
@@ -81,7 +81,7 @@ class ProgressLine(rich.Progress, Progress):
         with suppress(OSError):
             for task in self.task_ids:
                 self.remove_task(task)
-            self._reported, pace = (0.0, total), _Pace()
+            self._reported, pace = (0.0, total), Pace()
             self._pace = pace
             self.add_task(one_line(name), visible=False, total=total, unit=unit, digits=1 if unit == "s" else 0, left="")
             self.start()

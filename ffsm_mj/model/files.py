@@ -11,11 +11,13 @@ from __future__ import annotations
 import os
 import posixpath
 import stat
+import sys
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from types import MappingProxyType
-from typing import Protocol
+from typing import Any, Protocol
 
 from ffsm_mj.decomposition.stored import Decomposition
 from ffsm_mj.errors import InputError
@@ -460,6 +462,23 @@ def menagerie_file(name: str) -> Path:
     robot, _, entry = name.partition("/")
     try:
         robot_package = package.get(robot)
+        _download(package, robot_package)
         return Path(robot_package.xml(entry or robot_package.default_model)).absolute()
     except (package.MenagerieError, OSError) as error:  # its messages name what is similar
         raise InputError(f"{name}: MuJoCo Menagerie: {' '.join(str(error).split())}") from error
+
+
+def _download(package: Any, robot: Any) -> None:
+    """Download a robot of MuJoCo Menagerie that is not there yet; size and time are said on stderr.
+
+    Args:
+        package: The module ``mujoco_menagerie``.
+        robot: Its description of the robot.
+    """
+    cache = package.Cache()
+    if cache.root is not None or cache.is_cached(robot):
+        return
+    begun = time.monotonic()
+    print(f"download of {robot.name}: {robot.download_size / 1e6:.1f} MB, once", file=sys.stderr)
+    robot.path(cache, None)  # without its own progress bar, which would be drawn across ours
+    print(f"download of {robot.name}: done in {time.monotonic() - begun:.1f} s", file=sys.stderr)

@@ -478,6 +478,7 @@ def test_a_robot_of_menagerie_is_copied(vendor, tmp_path, monkeypatch, capfd):
     vendor("LICENSE", "all yours")
     monkeypatch.setitem(sys.modules, "mujoco_menagerie", shelf)
     assert main(["new", "my", "--menagerie", "vendor"]) == 0
+    assert "download of vendor: " in capfd.readouterr().err
     assert sorted(each.name for each in Path("vendor").iterdir()) == ["LICENSE", "arm.xml"]
     assert prepare("my.yaml").scenario.robot.asset_folders == ()
     assert "exists; nothing is written over it; --robot vendor/arm.xml uses" in refused(capfd, "it", "--menagerie", "vendor")

@@ -41,6 +41,22 @@ def test_a_kept_run_that_differs_from_its_row_is_exit_3(tmp_path: Path, capsys: 
     assert "logs kept" not in capsys.readouterr().out
 
 
+def test_the_number_of_runs_is_said_before_they_begin(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """All of them, then those that are left; nothing where none is."""
+    path, out = rock_hits(tmp_path, metrics=[IMPULSE]), tmp_path / "out"
+    name, runs = Campaign.load(path, tmp_path / "other").config.campaign, Campaign.open(tmp_path / "other").status().runs
+    for lost, said in (
+        (runs, f"{name}: {runs} runs to do"),
+        (1, f"{name}: 1 run of {runs} to do"),
+        (0, f"{name}: {runs} of"),
+    ):
+        if lost < runs:
+            with sqlite3.connect(out / "rows.sqlite") as table:
+                table.execute("DELETE FROM rows WHERE i < ?", (lost,))
+        assert main(["campaign", "run", str(path), "--out", str(out), "--workers", "1"]) == 0
+        assert capsys.readouterr().out.startswith(said)
+
+
 def test_the_command_that_goes_on_after_a_stop_is_whole(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Every run is late; the printed words are a command that completes the campaign."""
     path, out = rock_hits(tmp_path, metrics=[IMPULSE]), tmp_path / "out"

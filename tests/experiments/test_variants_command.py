@@ -18,6 +18,7 @@ def test_the_shipped_study_runs_from_the_command_line(tmp_path: Path, capsys: py
     keep = "variants={osdre: {}, rate: {controllers: {regulate: {kind: pd, joints: [joint_1], kp: 1.0, kd: 1.0}}}}"
     assert main(["campaign", "run", "laws-after-impact", "--out", out, *short, "-s", keep]) == 0
     printed = capsys.readouterr().out
+    assert printed.startswith("laws-after-impact: 4 runs to do, of 2 variants\n")
     assert "osdre: 2 of 2 runs (2 completed)" in printed
     assert "nothing is shown by 2 runs; 6 or more are needed" in printed
     assert main(["campaign", "status", out]) == 0

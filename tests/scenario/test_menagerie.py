@@ -48,6 +48,16 @@ def test_a_run_needs_no_second_download(tmp_path, shelf, monkeypatch):
 
 
 @pytest.mark.usefixtures("shelf")
+def test_a_download_is_announced_with_size_and_time(tmp_path, capsys):
+    """Before it begins and when it is done, and never again."""
+    path = written(tmp_path, {"menagerie": "otto"})
+    megabytes = (len(ARM) + len(ball())) / 1e6
+    for said in ([f"download of otto: {megabytes:.1f} MB, once", "download of otto: done in 0.0 s"], []):
+        ffsm_mj.Scenario.load(path)
+        assert capsys.readouterr().err.splitlines() == said
+
+
+@pytest.mark.usefixtures("shelf")
 def test_in_python(tmp_path):
     phases = [{"name": "coast", "until": "end", "controller": {"kind": "off"}}]
     made = ffsm_mj.Scenario(name="x", duration_s=0.1, robot=ffsm_mj.Robot(menagerie="otto"), phases=phases)
