@@ -65,6 +65,15 @@ def test_the_verification_is_what_the_command_prints(capsys):
     assert masked(promised)[1:] == masked(printed)[3:]  # the first line tells the wall time
 
 
+@pytest.mark.long
+def test_the_first_command_prints_what_the_readme_says(tmp_path, capsys):
+    assert main(["run", "baseline", "--no-rerun", "--out", str(tmp_path / "run")]) == 0
+    promised, printed = fenced("README.md", "")[1], capsys.readouterr().out
+    first = printed.index("baseline: completed")
+    texts = [re.sub(r"in \d.*real time", "in # s", text) for text in (promised, printed[first:])]
+    assert masked(texts[1])[: len(masked(texts[0]))] == masked(texts[0])
+
+
 @pytest.mark.usefixtures("latest")
 def test_arrays_of_the_verified_result(capsys):
     code = next(block for block in python_blocks("docs/verified-result.md") if "load_run" in block)
