@@ -124,7 +124,7 @@ class JointModel:
         return np.asarray(self._pushed[0])
 
 
-class TaskModel(JointModel):
+class OutputModel(JointModel):
     """A :class:`JointModel` with an output.
 
     The output is the position of a site along some world axes, by default the task's, and with ``attitude`` its attitude:
@@ -132,6 +132,50 @@ class TaskModel(JointModel):
 
     Attributes:
         site: The output's :class:`~ffsm_mj.controller_protocol.SiteMotion`: point, frame, Jacobian over all dofs.
+        yd: Rates of the output in m/s and rad/s, (p,).
+        alpha: Generalised Jacobian, (p, n): yd = alpha qd + v_h.
+        B: alpha M_c^-1, accelerations of the output per effort, (p, n): ydd = drift + B u.
+        drift: Accelerations of the output where the driven joints are without effort and nothing else pushes, (p,).
+    """
+
+    def __init__(
+        self,
+        context: ControllerContext,
+        joints: Sequence[str] | None = None,
+        *,
+        site: str | None = None,
+        axes: Sequence[int] | None = None,
+        attitude: bool = False,
+    ) -> None:
+        """Bind to the system of a control law; see :class:`TaskModel`."""
+        super().__init__(context, joints)
+        system, task = context.system, context.task
+        if site is None and task is None:
+            raise ScenarioFaults([Fault("a 'task' with tip, axes and target is needed", ("kind",))])
+        try:
+            index = task.tip_site if site is None else system.index("site", site)  # type: ignore[union-attr]
+        except LookupError as error:
+            raise ScenarioFaults([Fault(str(error.args[0]), ("site",))]) from error
+        if axes is None:
+            axes = task.axes if site is None and task is not None else (0, 1, 2)
+        self._axes = list(axes)
+        self.site = SiteMotion(self._model, index, axes, attitude)
+
+    def update(self, data: Any, pushed: FloatArray | None = None) -> None:
+        """Work everything out at the state in ``data``; see :meth:`JointModel.update`."""
+        site = self.site
+        site.update(data)
+        super().update(data, pushed)
+        self.yd = site.rates
+        self.B = site.J.dot(self.mobility.T)
+        self.alpha = self.B.dot(self.M_c)
+        self.drift = site.acceleration(self.coasting)
+
+
+class TaskModel(OutputModel):
+    """An :class:`OutputModel` with a target.
+
+    Attributes:
         target_m: Where the site is to be along its axes, m; that of the task at first, to be written to, (number of axes,).
         target_frame: The attitude it is to have, axes as columns in world axes, to be written to; first the world's, (3, 3).
         y: Place of the site along its axes, m, (number of axes,).
@@ -140,11 +184,7 @@ class TaskModel(JointModel):
         target_rates: Rates of the target in m/s and rad/s, to be written to; zero at first, (p,).
         target_accelerations: Accelerations of the target, to be written to; zero at first, (p,).
         e: y - target_m in m; with ``attitude`` then the rotation vector from ``target_frame`` to the site's in rad, (p,).
-        yd: Rates of the output in m/s and rad/s, (p,).
         ed: yd - target_rates, (p,).
-        alpha: Generalised Jacobian, (p, n): yd = alpha qd + v_h.
-        B: alpha M_c^-1, accelerations of the output per effort, (p, n): ydd = drift + B u.
-        drift: Accelerations of the output where the driven joints are without effort and nothing else pushes, (p,).
         v_h: Rates of the output that the momentum alone gives it, (p,); zero without momentum.
         W: Angular velocity of the base per rate of the driven joints where there is no momentum, rad/s in world axes,
             (number of base axes, n).
@@ -173,19 +213,9 @@ class TaskModel(JointModel):
         Raises:
             ScenarioFaults: A joint or site that there is not, or neither a site nor a task; paths ``joints`` and ``site``.
         """
-        super().__init__(context, joints)
-        system, task = context.system, context.task
-        if site is None and task is None:
-            raise ScenarioFaults([Fault("a 'task' with tip, axes and target is needed", ("kind",))])
-        try:
-            index = task.tip_site if site is None else system.index("site", site)  # type: ignore[union-attr]
-        except LookupError as error:
-            raise ScenarioFaults([Fault(str(error.args[0]), ("site",))]) from error
-        if axes is None:
-            axes = task.axes if site is None and task is not None else (0, 1, 2)
-        self._root = system.robot.root
-        self._axes, self._base_axes, self._attitude = list(axes), list(base_axes), attitude
-        self.site = SiteMotion(self._model, index, axes, attitude)
+        super().__init__(context, joints, site=site, axes=axes, attitude=attitude)
+        task = context.task
+        self._root, self._base_axes, self._attitude = context.system.robot.root, list(base_axes), attitude
         self.target_m = task.target_m.copy() if site is None and task is not None else np.zeros(len(self._axes))
         self.motion = task.motion if site is None and task is not None else None
         self.target_frame = np.eye(3)
@@ -195,20 +225,14 @@ class TaskModel(JointModel):
 
     def update(self, data: Any, pushed: FloatArray | None = None) -> None:
         """Work everything out at the state in ``data``; see :meth:`JointModel.update`."""
-        site = self.site
-        site.update(data)
         super().update(data, pushed)
         mujoco.mj_jacBody(self._model, data, None, self._base_rates, self._root)
-        self.yd = site.rates
         if self.motion is not None:
             self._follow(self.motion, data)
         self.ed = self.yd - self.target_rates
-        self.B = site.J.dot(self.mobility.T)
-        self.alpha = self.B.dot(self.M_c)
-        self.drift = site.acceleration(self.coasting)
         self.v_h = self.yd - self.alpha.dot(self.qd)
         self.W = self._base_rates[self._base_axes].dot(self.mobility.T).dot(self.M_c)
-        self.y = site.point[self._axes]
+        self.y = self.site.point[self._axes]
         self.e = self.y - self.target_m
         if self._attitude:
             self.e = np.concatenate((self.e, self._attitude_error()))

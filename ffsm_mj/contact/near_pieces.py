@@ -54,6 +54,8 @@ class NearPieces:
         bounds = np.sqrt(np.einsum("ni,ni->n", apart, apart)) - a.radii[ours] - b.radii[theirs]
         near = bounds <= reach  # faces are looked at of few only
         ours, theirs, bounds = ours[near], theirs[near], bounds[near]
+        if not len(ours):
+            return ours, bounds
         over_theirs = b.above(theirs, ((a.cores - position) @ rotation)[ours]) - a.widths[ours]
         over_ours = a.above(ours, (b.cores @ rotation.T + position)[theirs]) - b.widths[theirs]
         bounds = np.maximum(bounds, np.maximum(over_theirs, over_ours))

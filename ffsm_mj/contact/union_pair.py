@@ -299,14 +299,15 @@ class UnionPair(ContactPair):
         if first < 0:
             return limit, first
         best = self.piece_pair(first).gap(model, data, limit), first
-        numbers, bounds = self._near.within(among, data, best[0])
+        others = among.copy()
+        others.flat[first] = False
+        numbers, bounds = self._near.within(others, data, best[0])
         for k in np.argsort(bounds, kind="stable").tolist():
             if bounds[k] >= best[0]:
                 break
-            if (number := int(numbers[k])) != first:
-                # A pair that is farther away says the limit, the gap of the nearest one so far.
-                gap = self.piece_pair(number).gap(model, data, best[0])
-                best = (gap, number) if gap < best[0] else best
+            # A pair that is farther away says the limit, the gap of the nearest one so far.
+            gap = self.piece_pair(int(numbers[k])).gap(model, data, best[0])
+            best = (gap, int(numbers[k])) if gap < best[0] else best
         return best
 
     def _nearest_pair(self, model: Any, data: Any) -> PiecePair:

@@ -14,7 +14,7 @@ from ffsm_mj.controller_protocol import Command, ControllerContext, ExternalComm
 from ffsm_mj.errors import Fault, Faults, ScenarioFaults, described, unknown_name
 from ffsm_mj.gym.rewards import EnvError
 from ffsm_mj.scenario.env_config import EffortAction, EnvConfig, RequestAction, TipVelocityAction, TipWrenchAction
-from ffsm_mj.task_model import TaskModel
+from ffsm_mj.task_model import OutputModel
 
 _AXES = {"x": 0, "y": 1, "z": 2}
 
@@ -50,7 +50,7 @@ class TipAction:
             for name, one in systems.items()
         }
         self._tasks = {
-            name: TaskModel(context, config.joints, (), site=site, axes=axes, attitude=config.rotation)
+            name: OutputModel(context, config.joints, site=site, axes=axes, attitude=config.rotation)
             for name, context in contexts.items()
         }
         self._config = config
