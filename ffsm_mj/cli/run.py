@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import time
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -76,15 +77,26 @@ def run(options: argparse.Namespace, output: Output) -> int:
         output.say(head)
     folder = stated or RunFolder.in_logs(scenario.name)
     live, rerun = (options.viewer or _VIEWER) if options.live else None, False if options.no_rerun else None
-    with output.progress() as stage:
-        report = stage(scenario.name, "s", scenario.duration_s)
-        done = prepared.run(folder=folder, rerun=rerun, live=live, report=report)
+    if scenario.realtime is not None:
+        # How far it is follows from the time, and a line that is drawn while it runs would hold up its ticks.
+        left_s = scenario.duration_s - (options.from_s or 0.0)
+        complain(_until(scenario.name, left_s / scenario.realtime.factor))
+        done = prepared.run(folder=folder, rerun=rerun, live=live)
+    else:
+        with output.progress() as stage:
+            report = stage(scenario.name, "s", scenario.duration_s)
+            done = prepared.run(folder=folder, rerun=rerun, live=live, report=report)
     if stated is None:
         folder.link_latest()
     said = of_run(prepared, done, folder, output)
     with noted(PATIENCE) as stopped:
         explained = _explained(done, folder, options.truncation, stopped, output)
         return _summarise(done, explained, folder, notes, options, output, len(wrapped(head).splitlines()), said)
+
+
+def _until(name: str, wall_s: float) -> str:
+    """Line that says how long a run in real time takes."""
+    return f"{name}: {wall_s:g} s by the clock, until {time.strftime('%H:%M:%S', time.localtime(time.time() + wall_s))}"
 
 
 def _refuse_campaign(name: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import re
 import signal
 import time
 from pathlib import Path
@@ -12,6 +13,8 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.cli.main import main
+from ffsm_mj.cli.progress import Progress
 from ffsm_mj.errors import InputError
 from ffsm_mj.log import background, recorder
 from tests.contact_models.grasp.test_killed import killed
@@ -244,3 +247,13 @@ def test_the_log_is_that_of_a_run_that_writes_itself(tmp_path, monkeypatch, has_
     summaries = [ffsm_mj.summary(run) for run in (paced, free)]
     for name in ("effort", "base_rotation", "angular_momentum", "impacts", "contacts", "conservation"):
         assert summaries[0][name] == summaries[1][name], name
+
+
+def test_the_command_says_when_a_run_ends_and_draws_no_line(tmp_path, monkeypatch, capsys):
+    """A line that is drawn ten times a second by a thread would take the interpreter from ticks."""
+    begun, stage = [], Progress.stage
+    monkeypatch.setattr(Progress, "stage", lambda self, *args: begun.append(args) or stage(self, *args))
+    options = ["--realtime", "20", "--no-rerun", "--out", str(tmp_path / "run")]
+    assert main(["run", "tap", "-s", "duration_s=0.2", *options]) == 0
+    assert begun == [("compile tap",)]
+    assert re.search(r"^tap: 0\.01 s by the clock, until \d\d:\d\d:\d\d$", capsys.readouterr().err, re.MULTILINE)

@@ -111,8 +111,9 @@ def blueprint(contents: Contents, opening: Opening | None) -> rrb.Blueprint:
     playing: dict[str, Any] = {"play_state": "following" if opening is None else "playing"}
     if loop is not None:
         playing |= {"loop_mode": "selection", "time_selection": _selection(loop)}
+    tabs = _tabs(contents, opening)  # none where nothing has moved yet
     return rrb.Blueprint(
-        rrb.Horizontal(left, rrb.Tabs(*_tabs(contents, opening), active_tab=0)),
+        rrb.Horizontal(left, rrb.Tabs(*tabs, active_tab=0)) if tabs else left,
         rrb.TimePanel(timeline=TIMELINE, state="collapsed", **playing),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
@@ -160,7 +161,7 @@ def _tabs(contents: Contents, opening: Opening | None) -> list[rrb.Container]:
     for name, plotted in contents.sensing.items():
         tabs[name] = [_titled(plot, contents) for plot in contents.shown(plotted)]
     # All plots have one time axis, with room for the widest legend after the curves.
-    room = max(curves.room for plotted in tabs.values() for curves in plotted)
+    room = max((curves.room for plotted in tabs.values() for curves in plotted), default=0.0)
     tabbed = [_in_two_columns(name, plotted, whole, room) for name, plotted in tabs.items() if plotted]
     if close_up is not None:
         tabbed.insert(1, _in_two_columns("Close-up of the events", overview, close_up, room))
