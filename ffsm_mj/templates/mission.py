@@ -23,7 +23,7 @@ from ffsm_mj.templates.pose import Tip, ray_distance
 
 _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 _ON_JOINT = int(mujoco.mjtTrn.mjTRN_JOINT)
-_DRAWN, _TRIED = 3000, 30
+_DRAWN, _TRIED = 3000, 60
 """Poses of the arm that are drawn, and the best of them that are tried with the target."""
 _MARGIN = 0.1
 """Of the range of a joint, which is left to its limits."""
@@ -35,8 +35,8 @@ _LEVER = 0.3
 """Length by which turns count as motions, of the reach of the arm."""
 _LEAST_MOBILITY = 0.02
 """Least singular value of the tool's Jacobian, turns over a length, of the reach: no pose is nearer to a singularity."""
-_CLEAR_M, _TOUCHING_M = 0.05, 0.02
-"""Least gap between target and robot at the capture, and between target and hand, m."""
+_CLEAR, _TOUCHING_M = 0.08, 0.02
+"""Least gap between target and robot at the capture, of the reach of the arm, and between target and hand, m."""
 _STAND_OFF_M = (0.03, 0.05, 0.08, 0.12, 0.2, 0.3)
 """Distances of the grapple from the surface of the target, m: the first one is taken at which the hand has room."""
 _STEPS, _CLOSE = 60, 1e-9
@@ -139,8 +139,14 @@ class GraspPlan(NamedTuple):
     target: Moment
 
 
-def find_arm(system: System, data: Any, tip: Tip) -> Arm:
+def find_arm(system: System, data: Any, tip: Tip, *, at_end: bool) -> Arm:
     """The arm of a robot on a bus, with its tool at a tip.
+
+    Args:
+        system: The robot, and a target.
+        data: A pose.
+        tip: The tip.
+        at_end: Whether the tool is moved out of the hand to where its fingers end: the tip is of no site.
 
     Raises:
         InputError: Too few joints between bus and tip are driven.
@@ -163,7 +169,10 @@ def find_arm(system: System, data: Any, tip: Tip) -> Arm:
     high = np.where(limited, np.minimum(model.jnt_range[ids, 1], ends), ends)
     margin = _MARGIN * (high - low)
     turned = data.xmat[tip.body].reshape(3, 3)
-    axes = turned.T @ _tool_axes(data, ids[-1], data.xpos[tip.body] + turned @ tip.local, turned)
+    place = data.xpos[tip.body] + turned @ tip.local
+    axes = _tool_axes(data, ids[-1], place, turned)
+    if at_end:
+        place = place + _beyond(system, data, tip, place, axes[:, 0]) * axes[:, 0]
     return Arm(
         tuple(model.joint(j).name for j in ids),
         model.jnt_qposadr[ids],
@@ -172,9 +181,22 @@ def find_arm(system: System, data: Any, tip: Tip) -> Arm:
         low + margin,
         high - margin,
         tip.body,
-        tip.local,
-        axes,
+        turned.T @ (place - data.xpos[tip.body]),
+        turned.T @ axes,
     )
+
+
+def _beyond(system: System, data: Any, tip: Tip, place: FloatArray, along: FloatArray) -> float:
+    """How far the geoms of a hand reach beyond a place along a unit vector, m, by the boxes around them; 0 at least."""
+    model = system.mj
+    link = int(model.body_weldid[tip.body])
+    geoms = [g for g in range(model.ngeom) if link in ancestors(model, int(model.geom_bodyid[g]))]
+    ends = [0.0]
+    for g in geoms:
+        centre, half = np.split(model.geom_aabb[g], 2)
+        turned = data.geom_xmat[g].reshape(3, 3)
+        ends.append(float(along @ (data.geom_xpos[g] + turned @ centre - place) + np.abs(along @ turned) @ half))
+    return max(ends)
 
 
 def _tool_axes(data: Any, joint: int, place: FloatArray, body: FloatArray) -> FloatArray:
@@ -207,8 +229,8 @@ class Kinematics:
         poses = self._draw.uniform(arm.low, arm.high, (_DRAWN, len(arm.joints)))
         tools = np.array([self.at(q).origin for q in poses])
         self._drawn = poses, tools
-        first = data.xanchor[int(system.mj.dof_jntid[arm.dofs[0]])]
-        self.reach = float(np.linalg.norm(tools - first, axis=1).max())
+        self._first = data.xanchor[int(system.mj.dof_jntid[arm.dofs[0]])].copy()
+        self.reach = float(np.linalg.norm(tools - self._first, axis=1).max())
 
     def at(self, q: FloatArray) -> Pose:
         """The tool at coordinates of the joints."""
@@ -251,7 +273,8 @@ class Kinematics:
 
         Args:
             rows: Components of the motion that count.
-            top: Height of the upper face of the bus, m; the tool is above it, and does not point down.
+            top: Height of the upper face of the bus, m. The tool is above it, and the better the more it points up and away
+                from the first joint: what it holds is then out of the way of bus and arm.
             way: Distance between the two, m.
         """
         scored = []
@@ -259,8 +282,10 @@ class Kinematics:
             if place[2] < top + 0.2 * self.reach:
                 continue
             tool = self.at(self._drawn[0][i])
-            if tool.axes[2, 0] > 0.2:
-                scored.append((self.mobility(tool, rows) * (1.0 + tool.axes[2, 0]), i))
+            outwards = tool.origin - self._first
+            away = float(tool.axes[:, 0] @ outwards / np.linalg.norm(outwards))
+            if tool.axes[2, 0] > 0.2 and away > 0.0:
+                scored.append((self.mobility(tool, rows) * (tool.axes[2, 0] + away), i))
         for _, i in sorted(scored, reverse=True)[:_TRIED]:
             grasping = self._drawn[0][i]
             tool = self.at(grasping)
@@ -304,7 +329,10 @@ def plan_grasp(system: System, alone: System, data: Any, arm: Arm, top: float, g
     best = -math.inf
     for frames, (grasping, ready) in product(grapples, poses):
         tool = reached.at(grasping)
-        room = [min(gap - _CLEAR_M, hand - _TOUCHING_M) for gap, hand in (clearance.at(tool.of(g.inverse)) for g in frames)]
+        room = [
+            min(gap - _CLEAR * reached.reach, hand - _TOUCHING_M)
+            for gap, hand in (clearance.at(tool.of(g.inverse)) for g in frames)
+        ]
         most = int(np.argmax(np.round(room, 3)))  # of those that are alike the first
         if room[most] >= 0.0:
             frame, bus = frames[most], -WAY_M * tool.axes[:, 0]

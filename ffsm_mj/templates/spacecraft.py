@@ -202,7 +202,8 @@ def _compiled(files: ModelFiles, target: ModelFiles, tip: str) -> tuple[System, 
     if joint.kind != "free":
         raise InputError(f"new: --target: {target.place} floats on {joint.name!r}, a {joint.kind}; it needs a <freejoint/>")
     data = posed(system, pose)
-    return system, data, find_arm(system, data, find_tip(system, data, tip))
+    end = find_tip(system, data, tip)
+    return system, data, find_arm(system, data, end, at_end=not (tip or end.site))
 
 
 def _rubbing(system: System, arm: Arm) -> str:
@@ -246,11 +247,16 @@ def _mission(
             for joint in system.robot.joints
             if joint.kind in ("hinge", "slide") and joint.name not in wheels
         },
-        tool=(_unused_site(system), body, digits(arm.place, 6), digits(quaternion, 9)),
+        tool=(_unused_site(system, "tool"), body, digits(arm.place, 6), digits(quaternion, 9)),
         target=places,
         target_strip=target_strip,
         free=_short(system, "joint", system.objects[0].joints[0].name),
-        grapple=(grasped, digits(capture.grapple.origin, 6), digits(capture.grapple.quaternion, 9)),
+        grapple=(
+            _unused_site(system, "grapple"),
+            grasped,
+            digits(capture.grapple.origin, 6),
+            digits(capture.grapple.quaternion, 9),
+        ),
         start=(
             [*digits(capture.bus, 6), 1.0, 0.0, 0.0, 0.0],
             [*digits(start.pose[:3], 6), *digits(start.pose[3:], 9)],
@@ -261,6 +267,7 @@ def _mission(
         damping=rounded(min(_MOST_DAMPED / fastest, _MOST_DAMPING), 2),
         approach_s=(MOVING_S, APPROACH_S),
         stand_off_s=STAND_OFF_S,
+        detumble_s=_DETUMBLE_S,
         duration_s=APPROACH_S + STAND_OFF_S + CLOSE_IN_S + _DETUMBLE_S + _REST_S,
         mass=float(inertia[base, base][0, 0]),
         inertia=float(np.linalg.eigvalsh(inertia[base, base][3:, 3:])[-1]),
@@ -276,9 +283,9 @@ def _joints_with_motors(system: System) -> list[int]:
     return [j for j in model.actuator_trnid[plain, 0].tolist() if j in ours]
 
 
-def _unused_site(system: System) -> str:
+def _unused_site(system: System, wanted: str) -> str:
     names = {name.split("/", 1)[1] for name in system.names("site")}
-    return next(name for name in ("tool", *(f"tool_{i}" for i in range(2, 999))) if name not in names)
+    return next(name for name in (wanted, *(f"{wanted}_{i}" for i in range(2, 999))) if name not in names)
 
 
 def _authority(system: System, data: Any, craft: Craft) -> Authority:
@@ -309,6 +316,6 @@ def _described(craft: Craft, system: System, data: Any, mission: Mission) -> lis
         f"allocation of both: rank {can.rank} of 6, smallest over largest singular value {can.weakest:.2g}",
         f"arm: {', '.join(mission.joints)}; tool on body {mission.tool[1]!r}"
         + ("" if mission.turns else "; it cannot turn the tool every way, so the grasp closes at any angle"),
-        f"target: {weight:.4g} kg, grasped at {mission.grapple[1]} m of body {mission.grapple[0]!r}",
+        f"target: {weight:.4g} kg, grasped at {mission.grapple[2]} m of body {mission.grapple[1]!r}",
         f"mission: {APPROACH_S:g} s of approach, {STAND_OFF_S:g} s of stand-off, capture, rest; {mission.duration_s:g} s",
     ]

@@ -13,7 +13,7 @@ from ffsm_mj.yaml import write_flow
 
 _COLUMN, _WIDEST = 44, 124
 """Where comments begin, and lines that are longer have theirs above them."""
-_HIDDEN = 'contype="0" conaffinity="0" group="1"'
+_LOOK = 'mass="0" contype="0" conaffinity="0" group="1" rgba="0.13 0.22 0.45 1"'
 
 Row = tuple[str, str]
 """A line, and its comment."""
@@ -67,13 +67,14 @@ class Mission:
         target: Paths of the target.
         target_strip: Elements removed from it.
         free: Joint that the target floats on.
-        grapple: Site at which it is held: body, place and quaternion.
+        grapple: Site at which it is held: its name, body, place in m and quaternion.
         start: Pose of bus and of target, and rates of the target.
         way: From the tool to the grapple while the arm waits, m.
         turns: Whether the arm turns its tool every way.
         damping: Of motions of the arm that the tool does not feel, N m s/rad.
         approach_s: Duration of the approach, and of its motion.
         stand_off_s: Duration of the stand-off.
+        detumble_s: Longest duration of detumbling.
         duration_s: Of the mission.
         mass: Of bus, robot and wheels, kg.
         inertia: Of the bus, kg m^2.
@@ -88,13 +89,14 @@ class Mission:
     target: Places
     target_strip: Sequence[str]
     free: str
-    grapple: tuple[str, list[float], list[float]]
+    grapple: tuple[str, str, list[float], list[float]]
     start: tuple[list[float], list[float], list[float]]
     way: float
     turns: bool
     damping: float
     approach_s: tuple[float, float]
     stand_off_s: float
+    detumble_s: float
     duration_s: float
     mass: float
     inertia: float
@@ -104,6 +106,7 @@ class Mission:
 def spacecraft_text(name: str, vendor: Vendor, craft: Craft, file: str) -> str:
     """MJCF of the spacecraft: bus, wheels and thrusters, with the vendor's file attached."""
     half, inertia = (" ".join(f"{value:g}" for value in values) for values in (craft.base.halves, craft.base.inertia))
+    hull = unused(f"{craft.bus}_hull", vendor)
     top, body = craft.base.halves[2], f" body={quoteattr(vendor.root)}" if vendor.root else ""
     rows: list[Row] = [
         (f"<mujoco model={quoteattr(name)}>", "a spacecraft with an arm; angles in degrees"),
@@ -118,10 +121,7 @@ def spacecraft_text(name: str, vendor: Vendor, craft: Craft, file: str) -> str:
             f'      <inertial pos="0 0 0" mass="{craft.base.mass:g}" diaginertia="{inertia}"/>',
             "kg, kg m^2, without the wheels",
         ),
-        (
-            f'      <geom name="{unused(f"{craft.bus}_hull", vendor)}" type="box" size="{half}" mass="0"/>',
-            "half its edges, m",
-        ),
+        (f'      <geom name="{hull}" type="box" size="{half}" mass="0" rgba="0.7 0.72 0.75 1"/>', "half its edges, m"),
         (f'      <site name="{craft.unit}"/>', "star tracker and gyro"),
         *(row for i in range(len(craft.jets)) for row in _jet_site(craft, i)),
         *(row for i in range(len(craft.axes)) for row in _wheel_body(craft, i)),
@@ -169,33 +169,40 @@ def _triple(values: Iterable[float]) -> str:
 
 
 def target_text(edge: float, mass: float, mesh: str) -> str:
-    """MJCF of a target that floats: a cuboid, or the hull of a mesh."""
+    """MJCF of a target that floats: a cuboid with solar panels, or the hull of a mesh."""
     half = edge / 2
-    shape = (
-        '<geom name="hull" type="mesh" mesh="hull"' if mesh else f'<geom name="hull" type="box" size="{_triple([half] * 3)}"'
-    )
-    rows: list[Row] = [
-        ('<mujoco model="target">', "the target"),
-        ('  <option gravity="0 0 0"/>', "in space"),
-    ]
     if mesh:
-        rows += [
+        shape, panels = 'type="mesh" mesh="hull"', list[Row]()
+        needs = [
             ("  <asset>", "its shape"),
             (f'    <mesh name="hull" file={quoteattr(mesh)}/>', 'in m; scale="0.001 0.001 0.001" for mm'),
             ("  </asset>", ""),
         ]
-    rows += [
+    else:
+        shape = f'type="box" size="{_triple([half] * 3)}"'
+        needs = [
+            ('  <default><default class="look">', "what is only looked at"),
+            (f"    <geom {_LOOK}/>", "no mass, no contact"),
+            ("  </default></default>", "a class of geoms"),
+        ]
+        panel = f'class="look" type="box" size="{_triple([0.6 * half, 1.2 * half, 0.02 * half])}"'
+        panels = [
+            (f'      <geom name="panel_{side}" pos="0 {y:g} 0" {panel}/>', "a solar panel")
+            for side, y in (("left", 2.3 * half), ("right", -2.3 * half))
+        ]
+    rows: list[Row] = [
+        ('<mujoco model="target">', "the target"),
+        ('  <option gravity="0 0 0"/>', "in space"),
+        *needs,
         ("  <worldbody>", "bodies"),
         ('    <body name="target">', "the only one"),
         ('      <freejoint name="free"/>', "it floats"),
-        (f'      {shape} mass="{mass:g}"/>', "kg, of uniform density"),
+        (f'      <geom name="hull" {shape} mass="{mass:g}" rgba="0.75 0.72 0.6 1"/>', "kg, of uniform density"),
+        *panels,
+        ("    </body>", ""),
+        ("  </worldbody>", ""),
+        ("</mujoco>", ""),
     ]
-    if not mesh:
-        wing = f'type="box" size="{_triple([0.6 * half, 1.2 * half, 0.02 * half])}" mass="0" {_HIDDEN}'
-        rows += [
-            (f'      <geom name="wing" pos="0 {2.3 * half:g} 0" {wing}/>', "a solar panel to look at: no mass, no contact"),
-        ]
-    rows += [("    </body>", ""), ("  </worldbody>", ""), ("</mujoco>", "")]
     return _lines(rows, "<!-- ", " -->")
 
 
@@ -230,7 +237,7 @@ def mission_text(name: str, robot: str, strip: Sequence[str], craft: Craft, miss
 
 def _model_rows(strip: Sequence[str], mission: Mission, places: Places) -> list[Row]:
     tool, body, place, turn = mission.tool
-    holder, at, turned = mission.grapple
+    grapple, holder, at, turned = mission.grapple
     return [
         ("robot:", "the spacecraft"),
         (f"  mjcf: {write_flow(places.model)}", "bus, wheels and thrusters, with the arm attached"),
@@ -248,7 +255,7 @@ def _model_rows(strip: Sequence[str], mission: Mission, places: Places) -> list[
         *_strip_rows("    ", mission.target_strip),
         ("    sites:", "added to the target"),
         (
-            f"      grapple: {{body: {write_flow(holder)}, pos_m: {flow(at)}, quaternion: {flow(turned)}}}",
+            f"      {grapple}: {{body: {write_flow(holder)}, pos_m: {flow(at)}, quaternion: {flow(turned)}}}",
             "x axis into the target",
         ),
         ("contacts:", "which geoms may touch"),
@@ -314,9 +321,13 @@ def _actuator_rows(craft: Craft, mission: Mission) -> list[Row]:
 
 
 def _sensor_rows(craft: Craft, mission: Mission) -> list[Row]:
-    camera = f"of: target/grapple, relative_to: {mission.tool[0]}, interval_s: 0.1, delay_s: 0.1"
+    camera = f"of: target/{mission.grapple[0]}, relative_to: {mission.tool[0]}, interval_s: 0.1, delay_s: 0.1"
     return [
-        ("sensors:", "measured and logged; with an estimator the laws know the state from them alone"),
+        (
+            "# estimator: {kind: mekf, gyro_bias_rad_s: 1.0e-5}",
+            "without the first '# ' laws know the state from the sensors",
+        ),
+        ("sensors:", "measured and logged"),
         (
             f"  star_tracker: {{kind: framequat, of: {craft.unit}, interval_s: 0.2, noise: 5.0e-5}}",
             "attitude of the bus, rad",
@@ -345,7 +356,7 @@ def _grasp_rows(mission: Mission) -> list[Row]:
         ("grasps:", "what the hand may hold"),
         ("  grasp:", "the only one; it closes while a phase arms it"),
         (f"    robot_site: {mission.tool[0]}", "on the hand"),
-        ("    object_site: target/grapple", "on the target"),
+        (f"    object_site: target/{mission.grapple[0]}", "on the target"),
         (f"    when: {{within: {{position_m: 0.005, speed_m_s: 0.005{angles}}}}}", "it closes where all of this holds"),
         ("    load_limit: {force_N: 100.0, torque_N_m: 50.0}", "it opens above this load; 'detumble' keeps to half of it"),
     ]
@@ -427,7 +438,7 @@ def _follow_rows(mission: Mission, gains: _Gains) -> list[Row]:
         ("      arm: &follow", "hand and bus, by one law"),
         ("        kind: track", "computed torque on the tool"),
         (f"        robot_site: {mission.tool[0]}", "what follows"),
-        ("        object_site: target/grapple", "what it follows"),
+        (f"        object_site: target/{mission.grapple[0]}", "what it follows"),
         ("        joints: *arm", "that move it"),
         (f"        offset_m: [{-mission.way:.3g}, 0, 0]", "behind the grapple, in its frame, m"),
         (f"        position: {{kp_1_s2: 0.36, kd_1_s: 1.2, max_speed_m_s: {most:g}}}", "critical damping"),
@@ -444,6 +455,7 @@ def _rest_rows(mission: Mission, gains: _Gains) -> list[Row]:
     return [
         ("  - name: detumble", "wheels take the angular momentum of both bodies"),
         ("    until: finished", "when that of bus and target is below the tolerance"),
+        (f"    for_s: {mission.detumble_s:.1f}", "or after this time"),
         ("    controller:", "one law for all"),
         ("      kind: detumble", "of what the grasp holds together"),
         ("      wheels: *wheels", "they take the momentum"),
