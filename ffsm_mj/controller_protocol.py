@@ -19,6 +19,7 @@ from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.config import FileName, StrictModel
 from ffsm_mj.dynamics.loops.equalities import ConstrainedModel
 from ffsm_mj.dynamics.motion import predict
+from ffsm_mj.dynamics.reach import reach_of
 from ffsm_mj.dynamics.rigid_body import (
     ReducedModel,
     base_jacobian,
@@ -138,6 +139,7 @@ __all__ = [
     "momentum_matrix",
     "needs_motors",
     "predict",
+    "reach_of",
     "reduced_model",
     "rotor_fault",
     "servo_joints",

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj.analysis.digest import Digest, TipDigest
-from ffsm_mj.analysis.intervals import ContactInterval
+from ffsm_mj.analysis.intervals import ContactInterval, GraspInterval
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.grasp.records import GRASP
 from ffsm_mj.errors import one_line
@@ -172,7 +172,7 @@ def card_text(log: RunLog, digest: Digest | None, checks: Sequence[Check]) -> st
 
 
 def card_html(log: RunLog, digest: Digest | None, checks: Sequence[Check]) -> str:
-    """HTML table of outcome, impacts, contacts, checks and tip; text from the log is always escaped.
+    """HTML table of outcome, impacts, contacts, grasps, checks and tip; text from the log is always escaped.
 
     Args:
         log: Log of the run.
@@ -183,6 +183,7 @@ def card_html(log: RunLog, digest: Digest | None, checks: Sequence[Check]) -> st
         "outcome": [_outcome(log)],
         "impacts": _impacts(log.impacts),
         "contacts": _contacts(digest.contacts.intervals() if digest is not None else ()),
+        "grasps": _grasps(digest.grasps.intervals() if digest is not None else ()),
         "checks": [_checks(log, digest, checks)],
         "tip": [_tip(digest)],
     }
@@ -217,8 +218,6 @@ def _outcome(log: RunLog) -> str:
 
 
 def _impacts(records: tuple[ImpactRecord, ...]) -> list[str]:
-    if not records:
-        return ["none"]
     lines = [f"{r.time_s:.6f} s: {r.geoms[0]} on {r.geoms[1]}, {r.impulse_N_s:.4g} N s" for r in records[:_SHOWN]]
     more = len(records) - len(lines)
     return [*lines, f"and {_counted(more, 'more contact')}"] if more else lines
@@ -233,6 +232,15 @@ def _contacts(contacts: tuple[ContactInterval, ...]) -> list[str]:
         lines.append(f"{one.start_s:.6f} s {until}: {one.rule}, {force}")
     more = len(contacts) - len(lines)
     return [*lines, f"and {_counted(more, 'more contact')}"] if more else lines
+
+
+def _grasps(grasps: tuple[GraspInterval, ...]) -> list[str]:
+    lines = []
+    for one in grasps[:_SHOWN]:
+        until = "to the end" if one.release_s is None else f"to {one.release_s:.6f} s"
+        lines.append(f"{one.time_s:.6f} s {until}: {one.grasp}, {math.hypot(*one.impulse):.4g} N s at closing")
+    more = len(grasps) - len(lines)
+    return [*lines, f"and {_counted(more, 'more grasp')}"] if more else lines
 
 
 def _checks(log: RunLog, digest: Digest | None, checks: Sequence[Check]) -> str:

@@ -382,16 +382,33 @@ def initial_notes(assembly: Assembly) -> Iterator[str]:
             as_degrees = f"{angle:g} degrees are {np.deg2rad(angle):.6g} rad"
             yield f"joint {name} starts at {angle:g} rad, {abs(angle) / _TURN:.3g} turns; angles are in rad, {as_degrees}"
     task = assembly.task
-    reach = reach_of(assembly.system, assembly.data, task.tip_site) if task is not None else None
-    if reach is None or task is None:
+    if task is not None:
+        yield from _beyond_reach(assembly, task.tip_site, "the target", task.target_m, list(task.axes))
+    first = assembly.scenario.phases[0]
+    for law in first.laws.values():
+        followed, follows = getattr(law, "object_site", None), getattr(law, "robot_site", None)
+        if followed is not None and follows is not None:
+            tip, point = assembly.system.index("site", follows), _followed_point(assembly, law)
+            yield from _beyond_reach(assembly, tip, f"the target of {first.name}", point, [0, 1, 2])
+
+
+def _beyond_reach(assembly: Assembly, tip: int, what: str, point: FloatArray, axes: list[int]) -> Iterator[str]:
+    reach = reach_of(assembly.system, assembly.data, tip)
+    if reach is None:
         return
-    axes = list(task.axes)
-    distance = float(np.linalg.norm(task.target_m - reach.centre_m[axes]))
+    distance = float(np.linalg.norm(point - reach.centre_m[axes]))
     if distance > reach.radius_m + _ROUNDED_M:
         yield (
-            f"the target is {distance:.4g} m from joint {reach.joint}, beyond the arm's reach of {reach.radius_m:.4g} m: "
+            f"{what} is {distance:.4g} m from joint {reach.joint}, beyond the arm's reach of {reach.radius_m:.4g} m: "
             "the tip arrives only if the base moves"
         )
+
+
+def _followed_point(assembly: Assembly, law: Any) -> FloatArray:
+    """Where a law that follows a site of an object is to bring its own at t = 0, world axes, m, (3,)."""
+    data, site = assembly.data, assembly.system.index("site", law.object_site)
+    offset = data.site_xmat[site].reshape(3, 3) @ np.array(getattr(law, "offset_m", (0.0, 0.0, 0.0)))
+    return np.asarray(data.site_xpos[site] + offset)
 
 
 def _reach_line(reach: Reach) -> str:
@@ -425,11 +442,8 @@ def _targets(assembly: Assembly) -> Iterator[NamedPoint]:
         yield NamedPoint("target of the tip", point)
     for phase in assembly.scenario.phases:
         for law in phase.laws.values():
-            followed = getattr(law, "object_site", None)
-            if followed is not None:
-                site = assembly.system.index("site", followed)
-                offset = data.site_xmat[site].reshape(3, 3) @ np.array(getattr(law, "offset_m", (0.0, 0.0, 0.0)))
-                yield NamedPoint(f"target of {phase.name}", data.site_xpos[site] + offset)
+            if getattr(law, "object_site", None) is not None:
+                yield NamedPoint(f"target of {phase.name}", _followed_point(assembly, law))
 
 
 def _centres(system: System, data: Any) -> Iterator[NamedPoint]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.dynamics.rigid_body import mass_matrix, site_wrench
+from ffsm_mj.dynamics.springs import JointSprings
 from ffsm_mj.dynamics.stack_momentum import StackMomentum
 from ffsm_mj.errors import InputError
 from ffsm_mj.invocation import command
@@ -45,6 +46,8 @@ _FORCE_PER_KG = 0.004
 """Force of a thruster by the mass of the bus, N: 2 N for 500 kg."""
 _MOST_DAMPED = 0.3  # of an eigenvalue of dt M_c^-1 K_d, which is stable up to 2
 _MOST_DAMPING = 6.0  # N m s/rad
+_FASTEST_DECAY = 0.5
+"""Of a damper over a step; an accuracy of 1e-9 takes some 20 sub-steps for a decay by e."""
 
 
 @dataclass(frozen=True)
@@ -106,8 +109,8 @@ def write_spacecraft(asked: SpacecraftRequest) -> list[str]:
         files = replace(files, strip=tuple(needed_strips(files)))
         target, target_places = _target(asked, target_file)
         system, data, arm = _compiled(files, target, asked.tip)
-        if rubbing := _rubbing(system, arm):
-            files = replace(files, strip=(*files.strip, "frictionloss"))
+        if unfit := _unfit(system, data, arm):
+            files = replace(files, strip=(*files.strip, *unfit))
             system, data, arm = _compiled(files, target, asked.tip)
         alone = compile_system(target, {}, time_step_s=_TIME_STEP_S)
         capture = plan_grasp(system, alone, data, arm, craft.base.halves[2], asked.grapple)
@@ -118,11 +121,10 @@ def write_spacecraft(asked: SpacecraftRequest) -> list[str]:
         scenario.write_text(mission_text(name, asked.robot.name, files.strip, craft, mission, places), encoding="utf-8")
         prepare(scenario)
     written = [path.name for path in (scenario, model, target_file) if path.exists()]
-    rubs = f"; dry friction of {rubbing}, which the law 'track' does not know" if rubbing else ""
     return [
         f"files in {asked.out}: {', '.join(written)}",
         *_described(craft, system, data, mission),
-        f"removed from the robot: {', '.join(files.strip) or 'nothing'}{rubs}",
+        "; ".join((f"removed from the robot: {', '.join(files.strip) or 'nothing'}", *unfit.values())),
         f"next: {command('check', scenario)} && {command('run', scenario)}",
     ]
 
@@ -206,10 +208,25 @@ def _compiled(files: ModelFiles, target: ModelFiles, tip: str) -> tuple[System, 
     return system, data, find_arm(system, data, end, at_end=not (tip or end.site))
 
 
-def _rubbing(system: System, arm: Arm) -> str:
-    """Joints of the arm with dry friction, by which a law that does not know it stops short of the target; empty: none."""
+def _unfit(system: System, data: Any, arm: Arm) -> dict[str, str]:
+    """Elements of the robot with which the mission does not come to its end, and why each is removed.
+
+    By dry friction, a law that does not know it stops short of the target. Damping of a light link that decays within a
+    small part of a step, as written for other simulators, has every step divided until the run is too long.
+    """
+    unfit = {}
     rub = system.mj.dof_frictionloss[arm.dofs] > 0.0
-    return ", ".join(_short(system, "joint", name) for name, rubs in zip(arm.joints, rub, strict=True) if rubs)
+    if rub.any():
+        names = ", ".join(_short(system, "joint", name) for name, rubs in zip(arm.joints, rub, strict=True) if rubs)
+        unfit["frictionloss"] = f"dry friction of {names}, which the law 'track' does not know"
+    decay = JointSprings(system.mj).fastest(system.mj, data)[1]
+    if decay.rate * _TIME_STEP_S > _FASTEST_DECAY:
+        joint = next(joint.name for joint in system.joints.values() if joint.dofs.start <= decay.dof < joint.dofs.stop)
+        unfit["damping"] = (
+            f"damping, by which {_short(system, 'joint', joint)!r} decays in {1e3 / decay.rate:.2g} ms, "
+            f"far less than a step of {1e3 * _TIME_STEP_S:g} ms"
+        )
+    return unfit
 
 
 def _short(system: System, kind: str, full: str) -> str:

@@ -40,6 +40,16 @@ class Browser:
         self._driver.get(path.as_uri())
         self._until_shown(None)
 
+    @contextmanager
+    def narrowed(self, width: int) -> Iterator[None]:
+        """A window as narrow as that of a phone, in pixels."""
+        size = {"width": width, "height": 844, "deviceScaleFactor": 1, "mobile": True}
+        self._driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+        try:
+            yield
+        finally:
+            self._driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
     def read(self, path):
         """Give a file to the page; returns what the page tells of it."""
         self.run("delete document.documentElement.dataset.shown")

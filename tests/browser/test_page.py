@@ -78,6 +78,25 @@ def test_a_page_shows_the_run(browser, page):
     assert browser.requests() == [page.as_uri()]
 
 
+def test_the_scene_is_in_the_middle_of_a_page(browser, page):
+    """What is drawn at the first impact leaves the same room at both sides, and above and below, of all but a tenth."""
+    browser.open(page)
+    drawn = np.abs(browser.picture() - browser.picture()[5, 5]).max(axis=2) > 12
+    for axis in (0, 1):
+        where = np.flatnonzero(drawn.any(axis=axis))
+        assert abs(where[0] + where[-1] - drawn.shape[1 - axis]) < 0.2 * drawn.shape[1 - axis]
+
+
+def test_a_page_fits_a_phone(browser, page):
+    """At 390 pixels nothing is wider than the page; what cannot be read so small is scrolled in place."""
+    with browser.narrowed(390):
+        browser.open(page)
+        assert browser.run("return document.documentElement.scrollWidth") == 390
+        wide = "document.querySelector('figure svg').getBoundingClientRect().width"
+        assert browser.run(f"return {wide}") >= 560
+        assert browser.run("return document.querySelector('figure').getBoundingClientRect().right") < 390
+
+
 @pytest.mark.long
 def test_names_are_text(browser, page):
     browser.open(page, dark=True)

@@ -280,3 +280,61 @@ def test_what_is_wrong_is_told_with_its_place(change, place, what):
     line = error.value.lines[0]
     assert f"phases.0.controller.{place}: " in line
     assert what in line
+
+
+def test_rates_of_joints_stay_within_their_bound():
+    """From rest towards a satellite at rest: without a bound joints turn faster than 0.08 rad/s, with it none does.
+
+    The law bounds the rates that it asks for. The joints follow these from below, with the time constant 1/kd, and exceed
+    them by what the arm turns on its way, here less than a twentieth.
+    """
+    rest = {f"initial.rates.{name}": [0.0] * 6 for name in ("robot/base", "satellite/free")}
+    fast, slow = (
+        prepare("capture", scene(following(offset_m=[-0.6, 0.3, 0.1], **bound), duration_s=3.0, **rest)).run()
+        for bound in ({}, {"max_joint_rate": 0.08})
+    )
+    dofs = [prepare("capture").system.joint(name).dofs.start for name in ARM]
+    assert np.abs(fast.qvel[:, dofs]).max() > 0.12
+    assert np.abs(slow.qvel[:, dofs]).max() < 0.08 * 1.05
+    assert np.abs(slow.qvel[:, dofs]).max() > 0.08 * 0.8
+    assert told(slow, "error_m")[-1] < told(slow, "error_m")[0]  # it goes on
+    assert slow.summary()["controller"]["phases"][0]["reports"]["least_rate_share"] < 0.7
+
+
+def test_a_bound_on_rates_that_none_reaches_changes_nothing(recipes):
+    bounded = prepare("capture", scene(following(joint_damping_N_m_s_rad=2.0, max_joint_rate=50.0))).run()
+    np.testing.assert_array_equal(bounded.qpos, recipes["afloat"].run().qpos)
+
+
+def test_a_target_out_of_reach_is_told():
+    """By check where it is so at the start, and by the run, with times: the satellite drifts out of reach after a second.
+
+    The ticks are counted again in the log: states at which the grapple is farther from the first joint than the lengths of
+    the links between the joints' anchors add up to.
+    """
+    law = following(offset_m=[0.0, 0.0, 0.0], position=GAINS | {"max_speed_m_s": 1e-3})
+    law.pop("attitude")
+    start = scene(law, duration_s=2.0)
+    system = prepare("capture", start).system
+    data = mujoco.MjData(system.mj)
+    mujoco.mj_kinematics(system.mj, data)
+    joints = [system.mj.joint(f"robot/{name}").id for name in ARM]
+    tip, grapple = system.index("site", "tip"), system.index("site", "satellite/grapple")
+    radius = np.linalg.norm(np.diff([*data.xanchor[joints], data.site_xpos[tip]], axis=0), axis=1).sum()
+    centre = data.xanchor[joints[0]].copy()
+    rest = {"initial.rates.robot/base": [0.0] * 6, "initial.rates.satellite/free": [0.5, 0, 0, 0, 0, 0]}
+    x = centre[0] + radius - 0.5 + 0.47  # the grapple is 0.47 m before the frame
+    there = [x, centre[1], centre[2], 1.0, 0.0, 0.0, 0.0]
+    run = prepare("capture", start | rest | {"initial.joints.satellite/free": there}).run()
+    beyond = []
+    for state in run.qpos[:-1]:  # one at each tick, and one at the end
+        data.qpos[:] = state
+        mujoco.mj_kinematics(system.mj, data)
+        beyond.append(np.linalg.norm(data.site_xpos[grapple] - data.xanchor[joints[0]]) > radius)
+    report = run.summary()["controller"]["phases"][0]["reports"]
+    assert 150 < sum(beyond) < 250
+    assert report["out_of_reach_s"] == pytest.approx(0.005 * sum(beyond), rel=1e-12)
+    assert "out of reach for" in report["note"]
+    assert f"from joint robot/yaw, where the arm reaches {radius:.4g} m" in report["note"]
+    far = prepare("capture", start | rest | {"initial.joints.satellite/free": [9.0, *there[1:]]})
+    assert [line for line in far.describe() if "the target of all is" in line and "beyond the arm's reach" in line]

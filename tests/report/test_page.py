@@ -27,6 +27,7 @@ from ffsm_mj.report.page.document import _check
 from ffsm_mj.report.page.scene import Poses, plumes
 from ffsm_mj.report.page.solids import arrow_solid, triangles
 from tests.changed_logs import with_records
+from tests.contact_models.grasp.scenes import grasping
 from tests.log.markers import scale_of
 from tests.log.test_viewer_topics import ALL_SHAPES
 from tests.scenes import CHAIN, HEAD, compile_paths, three_balls, two_balls
@@ -158,6 +159,17 @@ def compile_jets(folder):
       </actuator></mujoco>"""
     (folder / "jets.xml").write_text(jets)
     return compile_paths(folder / "jets.xml")
+
+
+def test_a_page_lists_grasps(hit, tmp_path):
+    """With both times and the impulse on the object, as the records have them; without a grasp there is no such row."""
+    run = ffsm_mj.run(grasping(tmp_path))
+    (closed,), (released,) = run.records["grasp_impulses"], run.records["releases"]
+    write_page(run, tmp_path / "run.html")
+    page = (tmp_path / "run.html").read_text()
+    times = f"{closed.time_s:.6f} s to {released.time_s:.6f} s"
+    assert f">{times}: grasp, {np.linalg.norm(closed.impulse_N_s):.4g} N s at closing<" in page
+    assert ">grasps</th>" not in hit._repr_html_()
 
 
 def test_a_page_lists_the_checks(hit, page):

@@ -14,7 +14,7 @@ from ffsm_mj.hull import hull
 from ffsm_mj.report import pictures, plots
 from ffsm_mj.report.animation import animate
 from ffsm_mj.report.plots.motion import view_box
-from ffsm_mj.report.plots.panels import envelope, running_maximum
+from ffsm_mj.report.plots.panels import Curve, Panel, envelope, running_maximum, stacked
 from ffsm_mj.report.plots.silhouette import Plane, Silhouette
 from ffsm_mj.report.plots.subject import Subject
 from tests.scenes import HEAD, ball, scene, two_balls
@@ -131,7 +131,17 @@ def many_legged(tmp_path_factory, ffsm_run):
                      for i, name in enumerate(names))  # fmt: skip
     robot = f"""<mujoco>{HEAD}<worldbody><body name="hull"><freejoint name="free"/><geom size="0.1" mass="9"/>{bodies}</body>
       </worldbody><actuator>{"".join(f'<motor name="{n}_motor" joint="{n}"/>' for n in names)}</actuator></mujoco>"""
-    return ffsm_run(scene(tmp_path_factory.mktemp("legs"), robot, {}, duration_s=0.01))
+    law = {"kind": "pd", "joints": names, "kp": 1.0, "kd": 1.0}
+    return ffsm_run(
+        scene(
+            tmp_path_factory.mktemp("legs"),
+            robot,
+            {},
+            duration_s=0.01,
+            initial={"joints": {f"robot/{name}": 0.1 * (i + 1) for i, name in enumerate(names)}},
+            phases=[{"name": "move", "until": "end", "controller": law | {"target": [0.0] * len(names)}}],
+        )
+    )
 
 
 @pytest.mark.long
@@ -256,6 +266,46 @@ def test_time_labels_of_poses_do_not_overlap(spatial):
         assert not [(i, j) for i in range(len(times)) for j in range(i) if times[i].overlaps(times[j])]
 
 
+def test_limits_do_not_drive_the_range_of_a_panel(hit):
+    """A curve of 0.2 within bounds of 40: 8 % beyond it, and the bounds in words; one that reaches them shows them."""
+    for greatest, words in ((0.2, ["bounds 40"]), (40.0, [])):
+        curve = Curve("torque", np.linspace(-greatest, greatest, len(hit.time)))
+        bounds = [
+            Curve(label, np.full(len(hit.time), side), is_limit=True) for label, side in (("bounds", -40.0), ("_", 40.0))
+        ]
+        (axes,) = stacked(hit, [Panel("m, N m", [*bounds, curve])]).axes
+        low, high = axes.get_ylim()
+        assert low == pytest.approx(-1.16 * greatest, rel=1e-12)
+        assert 1.16 * greatest < high < 1.6 * greatest  # the label of the impact is above the curve
+        assert [text.get_text() for text in axes.texts if text.get_text().startswith("bounds")] == words
+
+
+def test_empty_panels_are_left_out(hit):
+    zero, nothing = np.zeros(len(hit.time)), np.full(len(hit.time), np.nan)
+    empty = Panel("unused", [Curve("zero", zero), Curve("bound", zero + 1.0, is_limit=True), Curve("none", nothing)])
+    used = Panel("used", [Curve("smallest", zero + 1e-300)])
+    assert [axes.get_ylabel() for axes in stacked(hit, [empty, used, empty]).axes] == ["used"]
+    assert len(stacked(hit, [empty, empty]).axes) == 1  # a figure has at least one
+
+
+def test_figures_bear_the_name_of_their_scenario(hit, tmp_path):
+    assert plots.figures(hit, ["energies"])["energies"].get_suptitle() == "scene"
+    (path,) = plots.save(hit, tmp_path, ["momenta"], ("svg",))
+    assert "<!-- scene -->" in path.read_text()
+
+
+def test_all_phases_of_a_figure_have_names(tmp_path, ffsm_run):
+    """Four within a tenth of the run, on lines of their own."""
+    short = [{"name": f"a_short_phase_{i}", "for_s": 0.01, "controller": {"kind": "off"}} for i in range(4)]
+    rest = {"name": "the_others", "until": "end", "controller": {"kind": "off"}}
+    figure = plots.figures(ffsm_run(two_balls(tmp_path, duration_s=0.5, phases=[*short, rest])), ["energies"])["energies"]
+    figure.draw_without_rendering()
+    texts = [text for text in figure.axes[0].texts if text.get_text() != "impact"]
+    assert [text.get_text() for text in texts] == [*(f"a short phase {i}" for i in range(4)), "the others"]
+    places = [text.get_window_extent() for text in texts]
+    assert not [(i, j) for i in range(5) for j in range(i) if places[i].overlaps(places[j])]
+
+
 ENDS = np.array([0.0, 0.5])
 
 
@@ -271,11 +321,15 @@ def test_a_film_follows_a_robot_that_would_be_small(tmp_path, ffsm_run, speed, f
     assert (pictures._followed_m(subject, [0, -1]) == pytest.approx(0.6)) == follows
 
 
-@pytest.mark.parametrize("scenario", ["servo-arm", "gripper-2f85"])
-def test_the_effort_of_a_servo_is_its_force(ffsm_run, scenario):
-    """Its other columns are setpoints, in rad, m or without a unit, and their bounds are none of the force."""
-    run = ffsm_run(scenario, {"duration_s": 0.05})
-    forces = {key: run[key] for key in run.keys if re.fullmatch(r"actuators\.robot_\w+_force_N(_m)?", key)}
+@pytest.mark.parametrize(("scenario", "changes"), [("servo-arm", {"initial.rates.lift": 0.5}), ("gripper-2f85", {})])
+def test_the_effort_of_a_servo_is_its_force(ffsm_run, scenario, changes):
+    """Its other columns are setpoints, in rad, m or without a unit, and their bounds are none of the force.
+
+    A servo without a force has an empty panel, which is left out.
+    """
+    run = ffsm_run(scenario, {"duration_s": 0.05, **changes})
+    keys = [key for key in run.keys if re.fullmatch(r"actuators\.robot_\w+_force_N(_m)?", key)]
+    forces = {key: run[key] for key in keys if run[key].any()}
     axes = plots.figures(run, ["torques"])["torques"].axes
     drawn = {ax.get_ylabel().partition(",")[0].replace(" ", "_"): ax.lines for ax in axes}
     for key, force in forces.items():

@@ -93,5 +93,8 @@ class TrackConfig(StrictModel):
     max_torque_N_m: tuple[PositiveFloat, ...] | PositiveFloat | None = None
     """Bound on each joint's torque, one for all or one each, N m: feedback is scaled down as one vector to keep it; left
     out: the actuators' own limits clip each joint by itself."""
+    max_joint_rate: tuple[PositiveFloat, ...] | PositiveFloat | None = None
+    """Bound on each joint's rate, one for all or one each, rad/s (m/s for slides): of the relative rates that an error asks
+    for so much is left as the joints can give beside what following takes; left out: no bound."""
     base: BaseConfig | None = None
     """Left out: the base floats."""

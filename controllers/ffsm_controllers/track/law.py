@@ -23,6 +23,7 @@ from ffsm_controllers.task_space.damping import most_unstable
 from ffsm_controllers.task_space.joints import controllable_directions, joints_that_move
 from ffsm_controllers.task_space.singularity import SingularityMonitor, damped_inverse
 from ffsm_controllers.track.config import BaseConfig, TrackConfig
+from ffsm_controllers.track.reach import ReachMonitor
 from ffsm_mj.controller_protocol import (
     Command,
     ControllerContext,
@@ -68,6 +69,8 @@ class Track(Stateful):
         report: tuple[float, ...]
         largest: float
         least_share: float
+        least_rate_share: float
+        reach: ReachMonitor.State
 
     Config = TrackConfig
     after_others = True
@@ -93,11 +96,14 @@ class Track(Stateful):
         self._holds = bool(grasped_tree) and self._model.site(target).name.startswith(f"{grasped_tree}/")
         bound = config.max_torque_N_m
         self._bound = None if bound is None else per_joint(bound, count, "max_torque_N_m")
+        fastest = config.max_joint_rate
+        self._fastest = None if fastest is None else per_joint(fastest, count, "max_joint_rate")
+        self._reach = ReachMonitor(system, system.index("site", site), context.control_period_s)
         self._base = None if config.base is None else _base_control(config.base, context)
         self._unit = unit_moments(self._model)
         self.telemetry_signals: tuple[Signal, ...] = (*_POSITION, *(_ATTITUDE if turns else ()), *_ARM)
         self._report: tuple[float, ...] = (math.nan,) * len(self.telemetry_signals)
-        self._largest, self._least_share = 0.0, 1.0
+        self._largest, self._least_share, self._least_rate_share = 0.0, 1.0, 1.0
 
     @property
     def driven_actuators(self) -> IntArray:
@@ -125,12 +131,13 @@ class Track(Stateful):
                 task.joints.actuators, damped if self._bound is None else np.clip(damped, -self._bound, self._bound)
             )
             return
-        feedforward, feedback = self._wanted(data)
+        feedforward, asked = self._wanted(data)
+        inertia, mobilities = damped_inverse(task.B.dot(task.alpha.T), self._config.singular_mass_kg)
+        feedback = self._feedback(asked * self._rate_share(inertia, asked))
         feedforward -= task.drift
         known = command.effort + command.others
         if known.any():
             feedforward -= task.response(data, moments(self._model, data, self._unit).T.dot(known))
-        inertia, mobilities = damped_inverse(task.B.dot(task.alpha.T), self._config.singular_mass_kg)
         damped = -self._config.joint_damping_N_m_s_rad * task.qd
         needed = damped + inertia.dot(feedforward - task.B.dot(damped)).dot(task.alpha)
         torque, share = self._bounded(needed, inertia.dot(feedback).dot(task.alpha))
@@ -138,11 +145,12 @@ class Track(Stateful):
         largest = 1.0 / float(mobilities[0]) if mobilities[0] > 0.0 else math.inf
         if observation.at_tick:
             self._singularity.look(observation.time_s, mobilities)
+            self._reach.look(observation.time_s, data, task.target_m)
         self._report = (*self._errors, largest, share)
         self._largest, self._least_share = max(self._largest, largest), min(self._least_share, share)
 
     def _wanted(self, data: Any) -> tuple[FloatArray, FloatArray]:
-        """Accelerations of the robot's site: those of where it is to be, and the feedback on top, (p,) each."""
+        """Accelerations of where the robot's site is to be, and relative rates that the error asks for, (p,) each."""
         task, target, config = self._task, self._target, self._config
         target.update(data)
         task.target_m, task.target_frame, task.target_rates = target.point, target.frame, target.rates[: task.site.size]
@@ -150,25 +158,44 @@ class Track(Stateful):
         feedforward = target.accelerations(task.coasting)
         error, relative = task.e, task.ed
         gains = config.position
-        feedback = _feedback(error[:3], relative[:3], gains.kp_1_s2, gains.kd_1_s, gains.max_speed_m_s)
+        asked = _asked(error[:3], gains.kp_1_s2, gains.kd_1_s, gains.max_speed_m_s)
         self._errors: tuple[float, ...] = (_length(error[:3]), _length(relative[:3]))
         if config.attitude is None:
-            return feedforward[:3], feedback
+            return feedforward[:3], asked
         turns = config.attitude
-        turning = _feedback(error[3:], relative[3:], turns.kp_1_s2, turns.kd_1_s, turns.max_rate_rad_s)
+        turning = _asked(error[3:], turns.kp_1_s2, turns.kd_1_s, turns.max_rate_rad_s)
         feedforward[3:] += target.relative_turn(
             relative[3:]
         )  # what is relative is to fall in the object's frame, which turns
         self._errors = (*self._errors, _length(error[3:]), _length(relative[3:]))
-        return feedforward, np.concatenate((feedback, turning))
+        return feedforward, np.concatenate((asked, turning))
+
+    def _feedback(self, asked: FloatArray) -> FloatArray:
+        """Accelerations -kd (relative rates - those asked for), (p,)."""
+        config, relative = self._config, self._task.ed
+        position = -config.position.kd_1_s * (relative[:3] - asked[:3])
+        if config.attitude is None:
+            return np.asarray(position)
+        return np.concatenate((position, -config.attitude.kd_1_s * (relative[3:] - asked[3:])))
+
+    def _rate_share(self, inertia: FloatArray, asked: FloatArray) -> float:
+        """Share of the rates asked for that the joints can give beside the rates with which they follow.
+
+        Rates of the joints are those of least kinetic energy, B^T Lambda times those of the site.
+        """
+        if self._fastest is None:
+            return 1.0
+        task = self._task
+        following, towards = (task.B.T.dot(inertia.dot(rates)) for rates in (task.target_rates - task.v_h, asked))
+        share = _room(self._fastest, following, towards)
+        self._least_rate_share = min(self._least_rate_share, share)
+        return share
 
     def _bounded(self, needed: FloatArray, feedback: FloatArray) -> tuple[FloatArray, float]:
         """Torques within their bound: as much of the feedback as fits beside what is needed anyway, and that share."""
         if self._bound is None:
             return needed + feedback, 1.0
-        pushed = feedback != 0.0
-        room = (np.copysign(self._bound, feedback) - needed)[pushed] / feedback[pushed]
-        share = min(max(float(room.min(initial=1.0)), 0.0), 1.0)
+        share = _room(self._bound, needed, feedback)
         return np.clip(needed + share * feedback, -self._bound, self._bound), share
 
     def damping_at(self, data: Any) -> Damping:
@@ -198,16 +225,27 @@ class Track(Stateful):
         if self._holds:
             return {}
         mass = self._largest if math.isfinite(self._largest) else "infinite"
-        return {"largest_mass_kg": mass, "least_share": self._least_share, **self._singularity.report()}
+        rates = {} if self._fastest is None else {"least_rate_share": self._least_rate_share}
+        singular, reach = self._singularity.report(), self._reach.report()
+        notes = [str(part["note"]) for part in (singular, reach) if "note" in part]
+        note = {"note": "; ".join(notes)} if notes else {}
+        return {"largest_mass_kg": mass, "least_share": self._least_share, **rates, **singular, **reach, **note}
 
 
-def _feedback(error: FloatArray, rate: FloatArray, kp: float, kd: float, fastest: float | None) -> FloatArray:
-    """-kd (rate - that which the error asks for); without a bound on the latter -kp error - kd rate."""
+def _asked(error: FloatArray, kp: float, kd: float, fastest: float | None) -> FloatArray:
+    """The rate that an error asks for: -kp/kd times it, within a bound."""
     asked = (-kp / kd) * error
     speed = _length(asked)
     if fastest is not None and speed > fastest:
         asked *= fastest / speed
-    return -kd * (rate - asked)
+    return np.asarray(asked)
+
+
+def _room(bound: FloatArray, needed: FloatArray, more: FloatArray) -> float:
+    """Greatest share in [0, 1] of one vector that fits within a bound on each component beside another one."""
+    counts = more != 0.0
+    room = (np.copysign(bound, more) - needed)[counts] / more[counts]
+    return min(max(float(room.min(initial=1.0)), 0.0), 1.0)
 
 
 def _length(vector: FloatArray) -> float:

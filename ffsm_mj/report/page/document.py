@@ -61,7 +61,7 @@ _NOISE = re.compile(r'<metadata>.*?</metadata>|<!--.*?-->| id="[a-z0-9]+_\d+"', 
 
 def inline_figures(run: Run) -> dict[str, str]:
     """SVG elements by figure name, for the most important figures that the run has."""
-    drawn = draw_figures(run, tuple(_FIGURES))
+    drawn = draw_figures(run, tuple(_FIGURES), titled=False)
     return {name: _inline(drawn[name], name) for name in _FIGURES if name in drawn}
 
 
@@ -196,7 +196,7 @@ def _events(run: Run) -> list[str]:
         kind = kind_of(record)
         marked = ' class="marked"' if kind.marks is not None else ""
         time, text = kind.time(record), _escaped(kind.sentence(record))
-        lines.append(f'<li{marked}><button type="button" data-time="{time!r}"><b>{time:.3f} s</b> {text}</button></li>')
+        lines.append(f'<li{marked}><button type="button" data-time="{time!r}"><b>{time:.6f} s</b> {text}</button></li>')
     if len(events) > _MOST_EVENTS:
         lines.append(f"<li>and {len(events) - _MOST_EVENTS} more, see ffsm analyze</li>")
     return lines

@@ -44,7 +44,7 @@ MOST_RUNS = len(COLOURS)
 """More curves than this cannot be distinguished in one pair of axes."""
 
 
-def figures(run: Run, names: Sequence[str] = ()) -> dict[str, Figure]:
+def figures(run: Run, names: Sequence[str] = (), *, titled: bool = True) -> dict[str, Figure]:
     """Every figure that a run can have, by name.
 
     ``motion``, ``orbit`` and ``lvlh`` (in orbit), ``base``, ``joints``, ``tip`` (with a task), ``torques`` (with motors),
@@ -55,13 +55,20 @@ def figures(run: Run, names: Sequence[str] = ()) -> dict[str, Figure]:
     Args:
         run: A run with at least one sample.
         names: Only these, where the run has them; all when empty.
+        titled: Whether the name of the scenario is above each.
 
     Raises:
         InputError: The run has no samples, or its models no longer compile.
     """
     makers = _makers(run, names)
     with publication():
-        return {name: make() for name, make in makers.items()}
+        return {name: _titled(make(), run) if titled else make() for name, make in makers.items()}
+
+
+def _titled(figure: Figure, run: Run) -> Figure:
+    """A figure with the name of its run's scenario above it."""
+    figure.suptitle(plain(run.name), x=0.01, ha="left", fontsize=8.0, color="#444444")
+    return figure
 
 
 def figure_names(run: Run) -> list[str]:
@@ -117,7 +124,7 @@ def save(
         if report is not None:
             report(done, len(makers))
         with publication():
-            figure = make()
+            figure = _titled(make(), run)
         with writing(target):
             files += write(figure, target, name, formats)
     return files

@@ -20,6 +20,10 @@ from ffsm_mj.report.plots.style import BLACK, BLUE, COLOURS, LINE_STYLES, SKY, V
 _SHADES = ("#F1F1F1", "#FFFFFF")
 _BUCKETS = 1200
 _FARTHEST = 1e100
+_MARGIN = 0.08
+"""Margin of the y axis relative to the range of the curves."""
+_MOST_LEVELS = 5
+"""Greatest number of lines of names of phases above a figure."""
 _BANDS = (VERMILION, SKY)
 """Colours of bands over bars, which are blue."""
 _AXES_IN = 4.0
@@ -32,7 +36,10 @@ _NAME_IN = 0.17
 
 @dataclass(frozen=True)
 class Curve:
-    """A curve: legend entry and values; colour and style follow from its position unless given."""
+    """A curve: legend entry and values; colour and style follow from its position unless given.
+
+    A limit of other curves does not drive the range of the y axis.
+    """
 
     label: str
     values: FloatArray
@@ -40,6 +47,7 @@ class Curve:
     style: Any = None
     width: float = 1.3
     time: FloatArray | None = None
+    is_limit: bool = False
 
 
 @dataclass(frozen=True)
@@ -66,9 +74,16 @@ class Panel:
     rest: str = ""
     height: float = 1.0
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether no curve shows anything but zero, and there are no bars."""
+        shown = (np.nan_to_num(line.values) for line in self.lines if not line.is_limit)
+        return not self.bars and not any(map(np.any, shown))
+
 
 def stacked(run: Run, panels: Sequence[Panel], *, columns: int = 1, height_in: float = 1.75) -> Figure:
-    """Panels stacked (or in columns) over a common time axis, each high enough for its legend."""
+    """Panels stacked (or in columns) over a common time axis, each high enough for its legend; empty ones are left out."""
+    panels = [panel for panel in panels if not panel.is_empty] or panels[:1]
     rows = -(-len(panels) // columns)
     needed = [max(panel.height * height_in, 0.2 + _NAME_IN * len(_named(panel))) for panel in panels]
     heights = [max(needed[row * columns : (row + 1) * columns]) for row in range(rows)]
@@ -110,9 +125,33 @@ def _draw(axes: Axes, time: FloatArray, panel: Panel) -> None:
         axes.annotate(
             text, (x0, y0), (0, 7), textcoords="offset points", ha="center", va="bottom", fontsize=7.5, bbox=halo, zorder=6
         )
-    axes.margins(x=0.0, y=0.08)
-    if len(_named(panel)) > 1:
+    axes.margins(x=0.0, y=_MARGIN)
+    if any(line.is_limit for line in panel.lines):
+        _leave_limits_aside(axes, panel)
+    if len(axes.get_legend_handles_labels()[1]) > 1:
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), borderaxespad=0.3)
+
+
+def _leave_limits_aside(axes: Axes, panel: Panel) -> None:
+    """Set the y range to that of the curves; where all limits are beyond it, say how large they are."""
+    curves = np.concatenate([_finite(line.values) for line in panel.lines if not line.is_limit])
+    limits = np.concatenate([np.abs(_finite(line.values)) for line in panel.lines if line.is_limit])
+    if not curves.size:
+        return
+    low, high = float(curves.min()), float(curves.max())
+    room = _MARGIN * (high - low or abs(high) or 1.0)
+    axes.set_ylim(low - room, high + room)
+    if limits.size and limits.min() > max(abs(low - room), abs(high + room)):
+        name = next((line.label for line in _named(panel) if line.is_limit), "bounds")
+        words = f"{name} {limits.min():.3g}" + ("" if np.ptp(limits) == 0.0 else "\nor more")
+        axes.annotate(words, (1.0, 0.0), (3.0, 0.0), "axes fraction", "offset points", fontsize=7.0, color="#444444")
+        for line, artist in zip(panel.lines, list(axes.get_lines()), strict=False):
+            if line.is_limit:
+                artist.set_label("_")
+
+
+def _finite(values: FloatArray) -> FloatArray:
+    return values[np.isfinite(values) & (np.abs(values) < _FARTHEST)]
 
 
 def _within_reach(values: FloatArray) -> FloatArray:
@@ -221,14 +260,14 @@ def _make_room_at_the_top(axes: Axes) -> None:
 
 
 def _name_phases(axes: Axes, phases: Sequence[dict[str, Any]], letter_s: float) -> None:
-    """Centre names above their phases, on a second line if they would overlap; letter_s is the width of a letter."""
+    """Centre names above their phases, on further lines if they would overlap; letter_s is the width of a letter."""
     across = blended_transform_factory(axes.transData, axes.transAxes)
-    ends = [float("-inf")] * 2
+    ends = [float("-inf")] * _MOST_LEVELS
     for phase in phases:
         text = plain(phase["name"]).replace("_", " ")
         half = 0.5 * len(text) * letter_s
         middle = max(0.5 * (phase["start_s"] + phase["end_s"]), phases[0]["start_s"] + half)
-        free = [level for level in (0, 1) if middle - half > ends[level]]
+        free = [level for level in range(_MOST_LEVELS) if middle - half > ends[level]]
         if free:
             ends[free[0]] = middle + half
             axes.annotate(

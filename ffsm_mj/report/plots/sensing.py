@@ -69,5 +69,5 @@ def _errors(subject: Subject, named: list[tuple[str, str]]) -> list[Curve]:
         if (key := f"estimate.{name.replace('error_', 'sigma_', 1)}") in run.keys:
             for sign in (3.0, -3.0):
                 label = r"3$\sigma$" if i == 0 and sign > 0.0 else "_"
-                lines.append(Curve(label, sign * run[key], _GREY, (0, (1.0, 1.5)), 0.8))
+                lines.append(Curve(label, sign * run[key], _GREY, (0, (1.0, 1.5)), 0.8, is_limit=True))
     return lines

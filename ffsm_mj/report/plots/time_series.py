@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 from matplotlib.figure import Figure
@@ -120,13 +122,13 @@ def torques(subject: Subject) -> Figure:
         low, high = (_effort(subject, name, side)[0] for side in ("lower", "upper"))
         applied, unit = _effort(subject, name, "applied")
         bounds = [
-            Curve("bounds" if values is low else "_", values, _GREY, (0, (4.0, 1.5)), 0.9)
+            Curve("bounds" if values is low else "_", values, _GREY, (0, (4.0, 1.5)), 0.9, is_limit=True)
             for values in (low, high)
             if np.all(np.isfinite(values))
         ]
         label = "torque" if unit == "N m" else "force"
         lines = [*bounds, Curve(label, applied, BLUE, "-")]
-        shown = lines if columns == 1 and i == 0 else [Curve("_", x.values, x.colour, x.style, x.width) for x in lines]
+        shown = lines if columns == 1 and i == 0 else [replace(line, label="_") for line in lines]
         panels.append(Panel(f"{short(name)}, {unit}", shown))
     return stacked(subject.run, panels, columns=columns, height_in=height)
 
