@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import math
 import os
 import re
 import signal
@@ -257,3 +258,60 @@ def test_the_command_says_when_a_run_ends_and_draws_no_line(tmp_path, monkeypatc
     assert main(["run", "tap", "-s", "duration_s=0.2", *options]) == 0
     assert begun == [("compile tap",)]
     assert re.search(r"^tap: 0\.01 s by the clock, until \d\d:\d\d:\d\d$", capsys.readouterr().err, re.MULTILINE)
+
+
+class Taken(recorder.Sink):
+    """What a sink is told, in order."""
+
+    def __init__(self):
+        self.told = []
+
+    def rows(self, block):
+        self.told.append(block[:, 0].tolist())
+
+    def event(self, event):
+        self.told.append(event)
+
+    def flush(self):
+        self.told.append("flush")
+
+
+def test_rows_and_events_wait_for_time(monkeypatch):
+    """A step is taken only where there is time for it; the order is that of the run, the tap is told at once."""
+    monkeypatch.setattr(recorder, "_FLUSH_PERIOD_S", math.inf)
+    block, sink, heard, completed = np.zeros((100, 1)), Taken(), [], []
+    paced = recorder.Recorder(block, [sink], lambda rows: completed.append(len(rows)), heard.append, paced=True)
+
+    def ticks(count, first):
+        for row in range(first, first + count):
+            block[paced.line] = row
+            paced.commit()
+            paced.use(0.0)
+
+    ticks(60, 0)
+    assert (sink.told, completed) == ([], [])
+    paced.use(1.0)
+    assert (sink.told, completed) == ([], [60])
+    ticks(2, 60)
+    paced.event("impact")
+    ticks(1, 62)
+    assert (sink.told, heard) == ([], ["impact"])
+    rows = [list(map(float, range(*ends))) for ends in ((0, 60), (60, 62), (62, 63))]
+    for _ in range(20):
+        paced.use(1.0)
+    assert sink.told == [rows[0], rows[1], "impact", rows[2], "flush"]
+    assert completed == [60, 3]
+
+
+def test_a_run_that_never_has_time_is_written(monkeypatch):
+    """Where a block is full, and where the last flush is two periods ago."""
+    block, sink = np.zeros((100, 1)), Taken()
+    paced = recorder.Recorder(block, [sink], lambda _: None, paced=True)
+    for _ in range(100):
+        paced.commit()
+        paced.use(0.0)
+    assert list(map(len, sink.told)) == [100]
+    paced.commit()
+    monkeypatch.setattr(recorder, "_FLUSH_PERIOD_S", -3600.0)
+    paced.use(0.0)
+    assert sink.told[1:] == [[0.0], "flush"]
