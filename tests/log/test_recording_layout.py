@@ -163,11 +163,13 @@ def test_of_many_marks_at_one_place_only_the_greatest_has_a_text(tmp_path):
         for column in columns:
             if column.component_descriptor().component.endswith(":labels"):
                 texts[entity] = column.as_arrow_array().to_pylist()[0][0]
+            elif "Clear" in column.component_descriptor().component:
+                texts[entity] = ""
 
     marks = Marks(send, Opening(system), 1.0)
     for time_s, impulse, x in ((1.0, 2.0, 0.0), (1.1, 0.5, 0.01), (1.2, 3.0, 0.02), (1.3, 0.5, 1.0), (4.0, 0.5, 0.0)):
         marks.event(hit(time_s, impulse, x))
-    assert list(texts.values()) == ["", "", "3 N s", "0.5 N s", "0.5 N s"]
+    assert list(texts.values()) == ["", "3 N s", "0.5 N s", "0.5 N s"]  # the second of five has never had one
 
 
 def test_the_path_of_the_tip_changes_its_colour_at_the_impact(tmp_path, ffsm_run):

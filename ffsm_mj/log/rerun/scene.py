@@ -265,8 +265,9 @@ class Marks:
         """Draw the marks of an event."""
         for drawn in self._sequence.add(event):
             entity = f"world/{drawn.kind.plural}/{drawn.instant}/{identifier(drawn.mark.name)}_{drawn.number + 1}"
-            labelled = self._makes_room(_LabelledMark(entity, drawn))
-            self._send(drawn.time_s, entity, _shape(drawn, self._scale, labelled=labelled))
+            self._send(drawn.time_s, entity, _shape(drawn, self._scale))
+            if self._makes_room(_LabelledMark(entity, drawn)):
+                self._send(drawn.time_s, _text_of(entity), _text(drawn, self._scale))
             self._shown.append((drawn.end_s, entity))
             self._opening.add_mark(drawn.time_s, drawn.mark.point_m)
 
@@ -274,7 +275,7 @@ class Marks:
         """Remove marks whose time is over; never ahead of the motion, or a viewer would jump there."""
         for end_s, entity in [mark for mark in self._shown if mark[0] <= now_s]:
             self._shown.remove((end_s, entity))
-            self._send(end_s, entity, rr.Clear.columns(is_recursive=[False]))
+            self._send(end_s, entity, rr.Clear.columns(is_recursive=[True]))
 
     def _makes_room(self, new: _LabelledMark) -> bool:
         """Whether the text of a new mark is shown.
@@ -292,7 +293,7 @@ class Marks:
         for old in near:
             self._labelled.remove(old)
             if old.drawn.time_s < time:
-                self._send(time, old.entity, _shape(old.drawn, self._scale, labelled=False))
+                self._send(time, _text_of(old.entity), rr.Clear.columns(is_recursive=[False]))
         self._labelled.append(new)
         return True
 
@@ -303,10 +304,25 @@ def _distance_m(one: DrawnMark, other: DrawnMark) -> float:
     return float(np.linalg.norm(places[0] - places[1]))
 
 
-def _shape(drawn: DrawnMark, scale: float, *, labelled: bool) -> Any:
-    """An arrow that ends at the point, so that the body that it pushes does not hide it, or a dot; optionally a text."""
-    text, vector = [drawn.mark.text if labelled else ""], drawn.vector
+def _shape(drawn: DrawnMark, scale: float) -> Any:
+    """An arrow that ends at the point, so that the body that it pushes does not hide it, or a dot."""
+    vector = drawn.vector
     if not vector.any():
-        return rr.Points3D.columns(positions=[drawn.mark.point_m], colors=[MARK], radii=[0.06 * scale], labels=text)
+        return rr.Points3D.columns(positions=[drawn.mark.point_m], colors=[MARK], radii=[0.06 * scale])
     origins = [np.array(drawn.mark.point_m) - vector]
-    return rr.Arrows3D.columns(origins=origins, vectors=[vector], colors=[MARK], radii=[0.04 * scale], labels=text)
+    return rr.Arrows3D.columns(origins=origins, vectors=[vector], colors=[MARK], radii=[0.04 * scale])
+
+
+_CLEAR_M = 1.5
+"""Length of an arrow at scale 1 in whose middle a text does not hide the contact; that of a shorter one stands higher."""
+
+
+def _text_of(entity: str) -> str:
+    return f"{entity}/text"
+
+
+def _text(drawn: DrawnMark, scale: float) -> Any:
+    """The text of a mark, at the middle of its arrow or above it."""
+    above = max(0.0, _CLEAR_M * scale - float(np.linalg.norm(drawn.vector)))
+    place = np.array(drawn.mark.point_m) - 0.5 * drawn.vector + (0.0, 0.0, above)
+    return rr.Points3D.columns(positions=[place], colors=[MARK], radii=[0.0], labels=[drawn.mark.text])

@@ -97,6 +97,7 @@ def stacked(run: Run, panels: Sequence[Panel], *, columns: int = 1, height_in: f
             _draw_bars(axes, panels[i])
         else:
             _draw(axes, run.time, panels[i])
+        axes.yaxis.get_offset_text().set_ha("right")  # above the numbers, not over the names of phases
         axes.set_ylabel(_in_lines(panels[i].label, heights[i // columns]))
         mark_events(axes, run, names=i < columns, wide=columns == 1)
         if i + columns >= len(panels):
@@ -231,7 +232,7 @@ def mark_events(axes: Axes, run: Run, *, names: bool, wide: bool = True) -> None
     for time in times:
         axes.axvline(time, color=BLACK, linewidth=0.7, linestyle=(0, (1, 1.5)), zorder=1)
     if names and len(phases) > 1:
-        _name_phases(axes, phases, (float(run.time[-1]) - begin_s) * (0.0125 if wide else 0.026))
+        _name_phases(axes, phases, (float(run.time[-1]) - begin_s) * (0.0125 if wide else 0.034))
     if names and times:
         _make_room_at_the_top(axes)
         axes.plot(times, [1.0] * len(times), "v", transform=across, color=BLACK, markersize=4.5, clip_on=False, zorder=6)
