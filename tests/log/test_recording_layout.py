@@ -112,13 +112,16 @@ def test_phases_bear_their_whole_names():
 
 
 def test_all_plots_of_a_recording_have_one_time_axis(layout, baseline):
-    """Those of all tabs, except the close-up, whose plots have another one; they begin and end with the run's curves."""
-    overview, close, *others = layout(baseline).root_container.contents[1].contents
+    """Those of all tabs, except the close-up, whose plots have another one; the lanes of states show the whole run too."""
+    parts = layout(baseline).root_container.contents
+    overview, close, *others = parts[1].contents
     whole = {ends(view) for tab in (overview, *others) for view in views(tab)}
     assert len(whole) == len(set(map(ends, views(close)))) == 1
     ((start_s, end_s),) = whole
     assert -1.0 < start_s < 0.0
     assert end_s > 30.0
+    (lanes,) = [view for view in parts[0].contents if isinstance(view, rrb.StateTimelineView)]
+    assert ends(lanes) == pytest.approx((-0.6, 31.2), abs=1e-9)  # 2 % before and 4 % after it
 
 
 def test_bounds_do_not_drive_the_range_of_a_plot(rng):

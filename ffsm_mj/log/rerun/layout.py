@@ -104,7 +104,11 @@ def blueprint(contents: Contents, opening: Opening | None) -> rrb.Blueprint:
     lanes = 2.0 + min(1 + contents.thrusters + contents.contacts, _MOST_LANES)
     left = rrb.Vertical(
         _scene(contents),
-        rrb.StateTimelineView(origin="/states", name=contents.lanes),
+        rrb.StateTimelineView(
+            origin="/states",
+            name=contents.lanes,
+            time_view=None if opening is None else _time_axis(TimeRange(0.0, opening.end_s), 0.0),
+        ),
         rrb.TextLogView(origin="/events", name="Events", columns=_event_columns()),
         row_shares=[22.0 - lanes, lanes, 6.0],
     )
