@@ -68,7 +68,20 @@ class HelpRequest(Exception):
     """Help was requested; carries its text."""
 
 
+class _Formatter(argparse.HelpFormatter):
+    """Help with room for the names of commands: argparse does not count how far their list is indented."""
+
+    def add_argument(self, action: argparse.Action) -> None:
+        """Make room for an argument, of commands with their indentation."""
+        super().add_argument(action)
+        if isinstance(action, argparse._SubParsersAction):  # neither is public
+            self._action_max_length += self._indent_increment
+
+
 class _Parser(argparse.ArgumentParser):
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**{"formatter_class": _Formatter, **options})
+
     def print_help(self, _: object = None) -> NoReturn:
         """Raise ``HelpRequest``: the caller prints, since argparse does not report a failure to print."""
         raise HelpRequest(self.format_help().rstrip())

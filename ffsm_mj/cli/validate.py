@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -98,8 +99,13 @@ def _shown(case: ComparedCase) -> str:
     """Everything about one case."""
     texts = (case.case.title, f"Source: {case.case.source}.", case.case.setting, case.case.explanation)
     head = "\n".join(text for text in texts if text)
-    lines = "".join(f"  {line}\n" for line in reasons(case.numbers))
+    lines = "".join(f"  {_unlinked(line)}\n" for line in reasons(case.numbers))
     return f"{head}\n\n{table(HEAD, rows(case.numbers), spare=('tolerance',))}\n{lines}"
+
+
+def _unlinked(markdown: str) -> str:
+    """A line of a page without the addresses of its links."""
+    return re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", markdown)
 
 
 def _summary(compared: Sequence[ComparedCase]) -> str:

@@ -152,7 +152,8 @@ def _cut(run: Run, frames_per_second: float, speed: float | None, place: str, re
         raise InputError(f"{place}{amount}, more than {_MOST_PICTURES}; {remedy}")
     count = max(2, 1 + math.ceil(wanted))
     times = np.linspace(0.0, end, count)
-    description = f"{plural(count, 'frame')}, {count / frames_per_second:.1f} s at {fast:g} times real time"
+    pace = "in real time" if fast == 1.0 else f"at {fast:g} times real time"
+    description = f"{plural(count, 'frame')}, {count / frames_per_second:.1f} s {pace}"
     return _Cut(Subject(run, times.tolist()), times, fast, description)
 
 

@@ -108,13 +108,14 @@ def _line(cells: Sequence[str], widths: Sequence[int], numeric: Sequence[bool]) 
 
 def _folded(columns: Sequence[Sequence[str]], numeric: Sequence[bool], room: int) -> list[str]:
     """Rows whose texts go on below in their columns; numbers stay whole, if necessary beyond the edge of the terminal."""
+    columns = [[_UNIT.sub(_FIRM, cell) for cell in column] for column in columns]
     widths = [max(map(len, column)) for column in columns]
-    words = [max((len(word) for cell in column for word in cell.split()), default=0) for column in columns]
+    words = [max((len(word) for cell in column for word in cell.split(" ")), default=0) for column in columns]
     least = [width if right else min(word, _LONGEST_WORD) for width, word, right in zip(widths, words, numeric, strict=True)]
     while sum(widths) + _GAP * len(widths) > room and widths != least:
         widest = max((i for i, width in enumerate(widths) if width > least[i]), key=widths.__getitem__)
         widths[widest] -= 1
-    return [FOLD.join(_folded_row(row, widths, numeric)) for row in zip(*columns, strict=True)]
+    return [FOLD.join(_folded_row(row, widths, numeric)).replace(_FIRM, " ") for row in zip(*columns, strict=True)]
 
 
 def _folded_row(row: Sequence[str], widths: Sequence[int], numeric: Sequence[bool]) -> Iterator[str]:

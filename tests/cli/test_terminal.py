@@ -104,7 +104,7 @@ def test_figures_are_counted():
 def test_pictures_of_a_film_are_counted():
     shown = on_terminal(ffsm("export", "a", "--gif", "--fps", "10"))
     assert shown.code == 0, shown.written
-    assert shown.screen == ["a/motion.gif: 41 frames, 4.1 s at 1 times real time"]
+    assert shown.screen == ["a/motion.gif: 41 frames, 4.1 s in real time"]
     assert " of 41 pictures" in shown.written
 
 

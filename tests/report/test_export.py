@@ -44,7 +44,7 @@ def test_parquet_contains_units_and_metadata_of_the_run(hit, tmp_path):
 def test_gif_shows_the_motion(hit, tmp_path):
     """0.5 s at 10 frames per second are 6 frames; in the last one, the object has moved to the right."""
     said = write_animation(hit, tmp_path / "x.gif", frames_per_second=10.0)
-    assert said == "6 frames, 0.6 s at 1 times real time"
+    assert said == "6 frames, 0.6 s in real time"
     with Image.open(tmp_path / "x.gif") as film:
         assert film.n_frames == 6
         pictures = []

@@ -172,7 +172,7 @@ def test_plot_without_names_has_every_figure(hit):
 def test_animate_displays_an_animation_in_a_cell(hit, tmp_path):
     """0.5 s at 10 frames per second are 6 frames, in the cell and in the saved file."""
     film = ffsm_mj.animate(hit, frames_per_second=10.0)
-    assert repr(film) == "Film(name='scene', description='6 frames, 0.6 s at 1 times real time')"
+    assert repr(film) == "Film(name='scene', description='6 frames, 0.6 s in real time')"
     (shown,) = pictures(film._repr_html_(), "gif")
     assert shown.n_frames == 6
     with Image.open(film.save(tmp_path / "new" / "x.gif")) as saved:

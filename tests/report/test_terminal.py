@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from ffsm_mj.report import terminal as module
-from ffsm_mj.report.terminal import table, wrapped, wrapped_command
+from ffsm_mj.report.terminal import FOLD, table, wrapped, wrapped_command
 
 HEAD, ROWS = (
     ("law", "of", "worst", "unit", "at s"),
@@ -88,6 +88,16 @@ def test_lines_are_wrapped_before_words_and_not_within_a_quantity_or_a_vector(te
     assert wrapped(row).split("\n") == ["    satellite/right_fixture", "      2.4978  -0.5504   1.000  0.006"]
     terminal(None)
     assert wrapped(line) == line
+
+
+def test_folded_texts_keep_numbers_and_units_whole(terminal):
+    terminal(40)
+    rows = [("angular impulse on the object, N m s", "0.2235", "agrees"), ("within 1.5 rad/s of it all", "1.0", "agrees")]
+    text = table(("quantity", "source", "verdict"), rows).replace(FOLD, "\n")
+    assert max(map(len, text.split("\n"))) <= 40
+    assert "N m s" in text
+    assert "1.5 rad/s" in text
+    assert "\N{NO-BREAK SPACE}" not in text
 
 
 @pytest.mark.parametrize("width", [40, 60, 80])
