@@ -79,7 +79,7 @@ def test_the_message_says_what_was_tried(given, capsys):
     assert main(["view", given]) == 2
     err = capsys.readouterr().err
     assert err.startswith(f"{given}: no run folder or log, no scenario file, and unknown shipped scenario")
-    assert "baseline" in err
+    assert "; allowed: " in err
 
 
 def test_without_a_display_a_recording_can_be_saved(scenario, tmp_path, monkeypatch, capsys):
