@@ -270,7 +270,7 @@ def _strip_rows(indent: str, strip: Sequence[str]) -> list[Row]:
         [
             (
                 f"{indent}strip: {flow(strip)}",
-                "removed before compilation: not modelled, or unknown to the laws here",
+                "removed before compilation; docs/own-spacecraft.md says why",
             )
         ]
         if strip
