@@ -113,7 +113,19 @@ def test_the_first_contact_of_the_baseline_is_seen(baseline):
 
 @pytest.mark.long(one_of=4)
 @pytest.mark.parametrize(
-    "name", ["push", "spatial", "capture", "berth", "probe-and-cone", "capture-planar", "squeeze", "gripper-2f85"]
+    "name",
+    [
+        "push",
+        "spatial",
+        "capture",
+        "berth",
+        "probe-and-cone",
+        "capture-planar",
+        "squeeze",
+        "gripper-2f85",
+        "capture-flexible",
+        "tap",
+    ],
 )
 def test_first_contacts_of_shipped_scenarios_are_seen(name):
     assert free_sight(ffsm_mj.run(name), WIDE_VIEW) < 0.5
