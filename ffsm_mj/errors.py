@@ -16,7 +16,8 @@ _LONGEST_TEXT = 300
 _LONGEST_LIST = 20
 """Names that a message lists whole, such as the kinds of control laws; of more it lists the most similar ones."""
 _MOST_NAMES = 10
-_PACKAGE = Path(__file__).parent
+_OURS = (Path(__file__).parent, Path(__file__).parents[1] / "controllers")
+"""This package, and the control laws beside it in a checkout; installed, they are among the libraries."""
 _LIBRARIES = tuple(map(Path, (get_path("stdlib"), get_path("purelib"), get_path("platlib"))))
 THE_LOG = "the log"
 """How a message begins where what raises it has no name for its log; :func:`working_on` puts the name there."""
@@ -249,7 +250,7 @@ def raised_in(error: BaseException) -> FrameSummary | None:
     that asks for it. None if the exception passed through libraries only.
     """
     frames = [f for f in extract_tb(error.__traceback__) if f.lineno and not f.filename.startswith("<frozen ")]
-    inside = [f for f in frames if _PACKAGE in Path(f.filename).parents]
+    inside = [f for f in frames if any(home in Path(f.filename).parents for home in _OURS)]
     return next(iter(([f for f in frames if _is_users(f.filename)] or inside)[::-1]), None)
 
 
@@ -261,7 +262,7 @@ def written_at(method: Callable[..., object]) -> str:
 
 def _is_users(file: str) -> bool:
     """Whether a file is part of neither this package nor a library."""
-    return not any(home in Path(file).parents for home in (_PACKAGE, *_LIBRARIES))
+    return not any(home in Path(file).parents for home in (*_OURS, *_LIBRARIES))
 
 
 def unknown_name(kind: str, name: str, valid: Iterable[str]) -> str:
