@@ -149,7 +149,7 @@ class OutputLostError(FfsmError):
 
 
 class UnknownSensorError(FfsmError, KeyError):
-    """A sensor that no model has; the message lists the sensors that there are, the most similar names first."""
+    """A sensor that no model has; the message lists the sensors that there are, of many the most similar ones."""
 
     def __init__(self, name: object, sensors: Iterable[str]) -> None:
         names = tuple(sensors)

@@ -262,13 +262,13 @@ class Asks(Damp):
 
 def test_a_wrong_name_of_a_sensor_is_a_mistake_of_the_law():
     """The message names the line of the law, not ours, and lists the sensors; of the run in memory there is no folder."""
-    sensors = {f"site_{i}": {"kind": "framepos", "of": "robot/tip"} for i in range(12)}
+    sensors = {f"site_{i}": {"kind": "framepos", "of": "robot/tip"} for i in range(22)}
     sensors["gyro"] = {"kind": "frameangvel", "of": "robot/tip"}
     changes = settle(kind="asks") | {"sensors": sensors}
     run = ffsm_mj.run("coasting", changes, controllers={"asks": Asks}, check=False)
     line = Asks.control.__code__.co_firstlineno + 1
     assert "unknown sensor 'gyroo' (did you mean 'gyro'?); the sensors are gyro, site_0, " in run.message
-    assert run.message.endswith(f" and 3 more (test_script_laws.py:{line})")
+    assert run.message.endswith(f" and 13 more (test_script_laws.py:{line})")
     with pytest.raises(KeyError, match="unknown sensor 'gyroo'") as caught:
         ffsm_mj.run("coasting", changes, controllers={"asks": Asks})
     assert caught.value.run_folder is None
