@@ -105,10 +105,12 @@ class PiecePair(ContactPair):
 
     def watched_proximity(self, model: Any, data: Any) -> Proximity:
         """The same without what contact points watch; see :attr:`UnionPair.level`."""
-        alone = self.alone(model, data)
-        if abs(alone.gap) > CONTACT_GAP_M:
-            return alone
-        return self.union.at_pieces(model, data, self, alone, without_closed=bool(self.union.level.flat[self.number]))
+        alone, is_level = self.alone(model, data), bool(self.union.level.flat[self.number])
+        if abs(alone.gap) <= CONTACT_GAP_M:
+            return self.union.at_pieces(model, data, self, alone, without_closed=is_level)
+        # In a step that is too long held points drift further: its end is found by that.
+        drifts = is_level and alone.gap < 0.0 and self.union.is_closed(alone, data)
+        return replace(alone, rates=np.zeros(len(alone.points))) if drifts else alone
 
     def alone(self, model: Any, data: Any) -> Proximity:
         """Gap, normal, points and rates of these two pieces as if there were no others."""
@@ -200,6 +202,7 @@ class UnionPair(ContactPair):
         a, b = sides
         self._radii = a.radius_about(first[0]), b.radius_about(first[1])
         self.joined: frozenset[int] = frozenset()
+        self.level = np.zeros_like(self._allowed)
         self._near, self._last, self._last_watched = NearPieces(sides), -1, -1
         self._closed: tuple[Feature, ...] = ()
         self._face: Feature | None = None
@@ -332,13 +335,14 @@ class UnionPair(ContactPair):
 
     def watched_by_points(self, model: Any, data: Any) -> list[PiecePair]:
         """Pairs of pieces that are joined, and those in their planes that are near."""
-        level = self.within(model, data, DISTANCE_QUERY_M, self.level) if self.level.any() else ()
+        among = self.level & self._apart
+        level = self.within(model, data, DISTANCE_QUERY_M, among) if among.any() else ()
         return [self.piece_pair(k) for k in sorted((*self.joined, *(k for _, k in level)))]
 
     def hold(self, features: Sequence[Feature]) -> None:
         """Note the contact points that persistent contact holds: what is joined follows from them at the next step."""
         if self._closed != (closed := tuple(features)):
-            self._closed, self.joined = closed, frozenset()
+            self._closed, self.joined, self.level = closed, frozenset(), np.zeros_like(self._allowed)
             self._watch(None)
             self.on_left()
 
@@ -353,7 +357,6 @@ class UnionPair(ContactPair):
         by_plane = np.zeros_like(self._allowed) if parted is None else np.logical_and.outer(*parted)
         self._apart = self._allowed & ~by_plane
         self._apart.flat[joined] = False
-        self.level, self._knows_level = np.zeros_like(self._allowed), False
         self.is_beside = parted is None or not by_plane.flat[joined].all()
 
     def joining(self) -> tuple[list[int], list[int], tuple[BoolArray, BoolArray] | None]:
@@ -369,7 +372,6 @@ class UnionPair(ContactPair):
         both = [fitting(which, (len(side.pieces),), f"{self.name}, pieces by the plane") for which, side in sides]
         self._watch((both[0], both[1]) if both else None)
         self.level.flat[list(map(self._checked, level))] = True
-        self._knows_level = True
 
     def join(self, model: Any, data: Any) -> None:
         """Take the pairs of pieces that touch in patches that are held at the state in ``data`` as joined."""
@@ -382,19 +384,17 @@ class UnionPair(ContactPair):
         if joined != self.joined or parted is not self._parted:
             self.joined = joined
             self._watch(parted)
-        if not self._knows_level:
             points = [np.asarray(feature.at(data).point) for feature in self._closed]
-            self.level = self._near.on_planes_of(joined, points, data, AT_POINT_M) & self._apart
-            self._knows_level = True
+            self.level = self._near.on_planes_of(joined, points, data, AT_POINT_M)
         if self._apart.flat[list(left)].any():
             self.on_left()
 
     def _goes_on(self, pair: PiecePair, model: Any, data: Any) -> bool:
         """Whether the contact of two pieces is in a patch that is held."""
         near = pair.proximity(model, data)
-        return isinstance(near, UnionProximity) and self._is_closed(near, data)
+        return isinstance(near, UnionProximity) and self.is_closed(near, data)
 
-    def _is_closed(self, near: UnionProximity, data: Any) -> bool:
+    def is_closed(self, near: Proximity, data: Any) -> bool:
         """Whether persistent contact holds a point of the normal of a patch, be it under another rule."""
         # By the normals of now: they turn with a, with b or with neither, as faces and edges meet.
         closed = (feature for union in self.together for feature in union._closed)
@@ -441,7 +441,7 @@ class UnionPair(ContactPair):
         patches = [
             replace(near, rate_tolerance=near.rate_tolerance * (CLOSED_RATE / RATE if is_closed else 1.0))
             for near in self._patches(model, data, [(pair, alone)])
-            for is_closed in (self._is_closed(near, data),)
+            for is_closed in (self.is_closed(near, data),)
             if not (is_closed and without_closed)
         ]
         # A point at which pieces of another rule decide is no contact here.

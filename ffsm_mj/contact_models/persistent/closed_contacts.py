@@ -286,6 +286,7 @@ class ClosedContacts:
         """Set the contact points of a pair; none if it is about to open."""
         self.by_pair[pair] = tuple(contact_points)
         self._follow_points()
+        self.join(pair)
 
     def remove(self, pair: UnilateralConstraint) -> None:
         """Remove a pair."""
@@ -311,7 +312,6 @@ class ClosedContacts:
         """
         points = [point for near, still in patches for point in points_at_rest(self._scene, pair, near, still)]
         self.set_points(pair, points)
-        self.join(pair)
 
     def join(self, pair: UnilateralConstraint) -> None:
         """Watch the pieces of two unions that touch at the state in ``data`` by their contact points, from here on."""
