@@ -19,7 +19,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.errors import InputError
 from ffsm_mj.model.system import System, ancestors, followers
-from ffsm_mj.templates.pose import Tip, ray_distance
+from ffsm_mj.templates.pose import Tip, outward, ray_distance
 
 _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 _ON_JOINT = int(mujoco.mjtTrn.mjTRN_JOINT)
@@ -170,7 +170,7 @@ def find_arm(system: System, data: Any, tip: Tip, *, at_end: bool) -> Arm:
     margin = _MARGIN * (high - low)
     turned = data.xmat[tip.body].reshape(3, 3)
     place = data.xpos[tip.body] + turned @ tip.local
-    axes = _tool_axes(data, ids[-1], place, turned)
+    axes = _tool_axes(data, ids[-1], place, turned, outward(model, data, tip.body))
     if at_end:
         place = place + _beyond(system, data, tip, place, axes[:, 0]) * axes[:, 0]
     return Arm(
@@ -199,11 +199,11 @@ def _beyond(system: System, data: Any, tip: Tip, place: FloatArray, along: Float
     return max(ends)
 
 
-def _tool_axes(data: Any, joint: int, place: FloatArray, body: FloatArray) -> FloatArray:
-    """World axes of a tool: x from the last joint to the tip, or along that joint where this is nearly so."""
+def _tool_axes(data: Any, joint: int, place: FloatArray, body: FloatArray, out: FloatArray) -> FloatArray:
+    """World axes of a tool: x from the last joint to the tip, or along that joint out of the arm where this is nearly so."""
     along, joint_axis = place - data.xanchor[joint], data.xaxis[joint]
     length = float(np.linalg.norm(along))
-    x = along / length if length > 1e-3 else joint_axis
+    x = along / length if length > 1e-3 else math.copysign(1.0, float(joint_axis @ out)) * joint_axis
     if abs(x @ joint_axis) > _ALONG:
         x = math.copysign(1.0, float(x @ joint_axis)) * joint_axis
     side = body[:, int(np.argmin(np.abs(x @ body)))]

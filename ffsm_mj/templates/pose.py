@@ -141,7 +141,18 @@ def find_tip(system: System, data: Any, wanted: str) -> Tip:
     if distance > 1e-3:
         local = np.array(model.site(f"robot/{site_name}").pos) if site_name else np.zeros(3)
         return Tip(site_name, body, local)
-    return Tip("", last, _end_of(model, data, last, link))
+    end = _end_of(model, data, last, link)
+    beyond = data.xpos[last] + data.xmat[last].reshape(3, 3) @ end - anchor
+    if beyond @ outward(model, data, last) < 0.0:  # the link is on the arm's side of its joint, which is at its flange
+        return Tip("", int(model.body_weldid[last]), np.zeros(3))
+    return Tip("", last, end)
+
+
+def outward(model: Any, data: Any, body: int) -> FloatArray:
+    """Vector from the link before to the last joint of a body, in world axes, m: away from the arm."""
+    anchor = data.xpos[model.body_weldid[body]]
+    before = (anchor - data.xpos[model.body_weldid[b]] for b in ancestors(model, body))
+    return np.asarray(next((way for way in before if np.linalg.norm(way) > 1e-3), np.zeros(3)))
 
 
 def _of_robot(system: System, kind: str) -> list[str]:

@@ -130,6 +130,22 @@ def test_dry_friction_and_damping_of_another_world_are_removed_and_said(made):
             Path(name).unlink()
 
 
+@pytest.mark.parametrize(("turned", "out"), [("", 1.0), ('euler="3.14159265358979 0 0"', -1.0)])
+def test_a_last_link_on_the_arm_s_side_of_its_joint_ends_there(made, turned, out):
+    """As of an xArm or a UR, whose flange is at the origin of the last joint: the tool looks away from the arm all the same.
+
+    The link ends 2 cm beyond the joint, a capsule of 4 cm about a middle 2 cm behind it, whichever way its z axis points.
+    """
+    last, flange = '<body name="twist" ', '<site name="flange" pos="0 0 0.15"/>'
+    ahead, behind = "0 0 0.06 0 0 0.09", f"0 0 {-0.06 * out} 0 0 {-0.02 * out}"
+    head, tail = arm().replace(flange, "").split(last)
+    made(text=f"{head}{last}{turned} {tail.replace(ahead, behind)}")
+    (tool,) = [site for site in prepare("my.yaml").scenario.robot.sites.items() if site[0] == "tool"]
+    np.testing.assert_allclose(tool[1].pos_m, [0.0, 0.0, 0.02 * out], atol=1e-6)
+    x = Rotation.from_quat(tool[1].quaternion, scalar_first=True).apply([1.0, 0.0, 0.0])
+    np.testing.assert_allclose(x, [0.0, 0.0, out], atol=1e-6)
+
+
 def test_the_target_arrives_before_the_waiting_arm(made):
     """At the time of the capture its grapple is before the tool, turned as it is: by Euler's equations in SciPy.
 
