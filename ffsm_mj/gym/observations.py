@@ -40,13 +40,16 @@ class Values:
             signal.key: (part, place) for part in assembly.row.columns for place, signal in enumerate(part.signals)
         }
 
-    def reader(self, name: str) -> Read:
-        """Reader of a value.
+    def reader(self, name: str, before: float | None = None) -> Read:
+        """Reader of a value; of a sensor, ``before`` is each of its numbers until a sample has arrived.
 
         Raises:
-            LookupError: There is no such value, or it is not known between rows of the log; the message lists what is.
+            LookupError: There is no such value, or it is not known between rows of the log; the message lists what is. Or
+                ``before`` is given of another value than that of a sensor.
         """
         head, _, rest = name.partition(".")
+        if before is not None and head != "measured":
+            raise LookupError(f"'before' is of samples that arrive, measured.SENSOR; {name} is known at any time")
         if name == "time_s":
             return lambda seen: np.array([seen.time_s])
         if name == "closed_pairs":
@@ -54,7 +57,7 @@ class Values:
         if head == "data" and rest:
             return self._of_data(name, rest)
         if head == "measured" and rest:
-            return self._of_sensor(rest)
+            return self._of_sensor(rest, before)
         if head == "force_N" and rest:
             return self._of_force(rest)
         return self._of_column(name)
@@ -135,7 +138,7 @@ class Values:
         place = _place(name, number, len(flat))
         return lambda _: np.array(flat[place : place + 1], dtype=np.float64)
 
-    def _of_sensor(self, rest: str) -> Read:
+    def _of_sensor(self, rest: str, initial: float | None) -> Read:
         sampler = self._assembly.plant.sampler
         by_name = sampler.by_name if sampler is not None else {}
         before, _, last = rest.rpartition(".")
@@ -143,10 +146,20 @@ class Values:
         full = self._assembly.system.resolve("sensor", name) if by_name else ""
         if full not in by_name:
             raise LookupError(unknown_name("sensor", name, by_name))
-        if not number:
-            return lambda seen: np.array(seen.measured[full].value, dtype=np.float64)
-        place = _place(rest, number, len(self.now().measured[full].value))
-        return lambda seen: np.array(seen.measured[full].value[place : place + 1], dtype=np.float64)
+        part = slice(None)
+        if number:
+            place = _place(rest, number, len(self.now().measured[full].value))
+            part = slice(place, place + 1)
+
+        def read(seen: Observation) -> FloatArray:
+            measurement = seen.measured[full]
+            value = np.array(measurement.value[part], dtype=np.float64)
+            # No time: nothing has arrived. A sample that has, and is not finite, remains an error.
+            if initial is not None and np.isnan(measurement.time_s):
+                value[:] = initial
+            return value
+
+        return read
 
     def _of_force(self, name: str) -> Read:
         pairs = self.pairs_of([name])
@@ -223,7 +236,7 @@ class Observations:
             for i, part in enumerate(config.observations):
                 one = part if isinstance(part, ObservationConfig) else ObservationConfig(of=part)
                 with faults.below("env", "observations", i, *(("of",) if one is part else ())):
-                    read = values.reader(one.of)
+                    read = values.reader(one.of, one.before)
                     size = len(read(values.now()))
                     self._readers.append(read)
                     self.names += [one.of] if size == 1 else [f"{one.of}.{k}" for k in range(size)]
@@ -239,5 +252,8 @@ class Observations:
         vector = np.concatenate([read(observation) for read in self._readers])
         if not np.isfinite(vector).all():
             bad = [name for name, value in zip(self.names, vector, strict=True) if not np.isfinite(value)]
-            raise EnvError(f"observation at t = {observation.time_s:.6g} s: not finite: {', '.join(bad)}")
+            hint = ""
+            if any(name.startswith("measured.") for name in bad):
+                hint = "; until a sample arrives, '{of: measured.SENSOR, before: NUMBER}' gives a value"
+            raise EnvError(f"observation at t = {observation.time_s:.6g} s: not finite: {', '.join(bad)}{hint}")
         return vector

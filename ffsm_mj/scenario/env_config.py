@@ -101,6 +101,8 @@ class ObservationConfig(StrictModel):
     """Least value."""
     high: float = LARGEST
     """Greatest value."""
+    before: float | None = None
+    """Of ``measured.SENSOR``: each number before the first sample has arrived; without it, that is an error."""
 
     @model_validator(mode="after")
     def _is_ordered(self) -> ObservationConfig:

@@ -215,8 +215,24 @@ def test_a_reward_of_a_script_and_one_with_arguments(tmp_path):
 def test_an_observation_that_is_not_finite_is_named(tmp_path):
     late = {"late": {"kind": "jointpos", "of": "robot/x", "delay_s": 0.05}}
     env = ScenarioEnv(pushed_ball(tmp_path, sensors=late), {"observations": ["measured.late"]})
-    with pytest.raises(EnvError, match=r"observation at t = 0 s: not finite: measured.late"):
+    with pytest.raises(EnvError, match=r"not finite: measured.late; until a sample arrives, .*before: NUMBER"):
         env.reset()
+
+
+def test_a_value_stands_in_for_a_sample_that_has_not_arrived(tmp_path):
+    """A sensor with a delay of 50 ms: -7 until then, and afterwards the position of 50 ms before."""
+    late = {"late": {"kind": "jointpos", "of": "robot/x", "interval_s": 0.002, "delay_s": 0.05}}
+    seen = ["time_s", "q_robot_x_m", {"of": "measured.late", "before": -7.0}, {"of": "measured.late.0", "before": -8.0}]
+    env = ScenarioEnv(pushed_ball(tmp_path, sensors=late), {"observations": seen, "ticks_per_step": 1})
+    time_s, place, whole, number = np.array([step[0] for step in episode(env)]).T
+    early = time_s < 0.05 - 1e-9
+    assert 0 < early.sum() == 25  # ticks of 2 ms, the last of them at 48 ms
+    assert set(whole[early]) == {-7.0}
+    assert set(number[early]) == {-8.0}
+    assert whole[~early].tolist() == number[~early].tolist() == place[: (~early).sum()].tolist()
+    assert place[(~early).sum() - 1] > 0.0  # it has moved in what arrived
+    with pytest.raises(InputError, match=r"'before' is of samples that arrive.*; time_s is known"):
+        ScenarioEnv(pushed_ball(tmp_path), {"observations": [{"of": "time_s", "before": 0.0}]})
 
 
 def test_a_record_is_a_log_that_verifies(tmp_path):
