@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from ffsm_mj.analysis.pacing import Pacing
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.errors import one_line, plural
-from ffsm_mj.records.metadata import changed_property_lines, gravity_line
+from ffsm_mj.records.metadata import changed_property_lines, gravity_line, logged_phase_graph
 from ffsm_mj.report.check_report import check_table, no_verdict, step_hint
 from ffsm_mj.report.momentum_report import momentum_line
 from ffsm_mj.report.record_tables import MOST_ROWS, contact_table, impact_table, record_lines, unhandled_table
@@ -153,11 +153,26 @@ def _models(run: Run, most: int) -> str:
 
 
 def _missed_phases(run: Run) -> str:
-    """Phases of the scenario that the run did not reach; empty if it reached all."""
+    """Phases that the run could reach and did not; empty if it reached all."""
+    names, ways = logged_phase_graph(run.log.header.metadata)
     reached = {phase.name for phase in run.phases}
-    missed = [name for name in run.log.header.metadata.get("phases", "").split("\n") if name and name not in reached]
+    first = run.phases[0].name if run.phases else ""
+    begun = names.index(first) if first in names else 0
+    # A run that goes on from a state began in a later phase. Where phases branch, a way may lead back to those before it.
+    ahead = _ahead(begun, ways) if ways else range(begun, len(names))
+    missed = [names[i] for i in ahead if names[i] and names[i] not in reached]
     lost = "" if not run.damage else ", or lost with the damage"
     return f"phases not reached{lost}: {', '.join(missed)}" if missed else ""
+
+
+def _ahead(first: int, ways: list[tuple[int, str, int]]) -> list[int]:
+    """Positions of the phases to which ways lead from a phase, itself included, in the order of the scenario."""
+    there, left = {first}, [first]
+    while left:
+        start = left.pop()
+        left += (more := {to for of, _, to in ways if of == start} - there)
+        there |= more
+    return sorted(there)
 
 
 def _notes_of_laws(run: Run) -> str:

@@ -12,8 +12,10 @@ from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
 from ffsm_mj.experiments.planning import load_campaign
 from ffsm_mj.log.run_folder import RunFolder
+from ffsm_mj.records.metadata import phase_graph_metadata
 from ffsm_mj.report.plots.subject import Subject
 from ffsm_mj.report.plots.time_series import energies
+from ffsm_mj.report.run_report import details
 from tests.contact_models.persistent.test_steady import held
 from tests.controllers.test_script_laws import Damp, settle
 
@@ -62,6 +64,21 @@ def test_settings_change_there_and_not_before(logged, tmp_path, capsys):
     assert plastic.impacts[0].event == 1
     assert main(["analyze", str(out)]) == 0
     assert "columns agree with states" in capsys.readouterr().out
+
+
+def test_phases_before_the_instant_are_not_missed(logged):
+    """Its first phase is over at 0.4 s. Where phases branch, those are missed to which a way leads from there."""
+    whole, rest = ffsm_mj.load_run(logged), ffsm_mj.resume(logged, 0.4)
+    assert [phase.name for phase in whole.phases] == ["tap_1", "back_1"]
+    assert [phase.name for phase in rest.phases] == ["back_1"]
+    missed = "phases not reached: wait_1, tap_2, back_2, wait_2, tap_3, back_3, wait_3, tap_4, rest"
+    assert missed in details(whole)
+    assert missed in details(rest)
+    ways = phase_graph_metadata([(0, "impact", 1), (1, "impact", 2), (2, "impact", 1), (1, "time 1 s", 10)])
+    rest.log.header.metadata.update(ways)
+    assert "phases not reached: wait_1, rest" in details(rest)
+    rest.log.header.metadata.update(phase_graph_metadata([(1, "impact", 2), (2, "impact", 0)]))
+    assert "phases not reached: tap_1, wait_1" in details(rest)
 
 
 def test_a_changed_law_begins_there(logged):
