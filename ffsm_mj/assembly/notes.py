@@ -40,7 +40,7 @@ from ffsm_mj.log.drawing import CheckedPair, InitialScene, NamedPoint
 from ffsm_mj.model.actuators import servo_mask
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.inputs import further_inputs
-from ffsm_mj.model.system import System, shared_joints
+from ffsm_mj.model.system import System, rotors, shared_joints
 from ffsm_mj.records.metadata import gravity_line, gravity_metadata
 from ffsm_mj.scenario.loading import never_armed
 from ffsm_mj.scenario.phases import graph_lines, is_branching
@@ -376,9 +376,11 @@ def _aligned(rows: Sequence[tuple[str, FloatArray, str]]) -> list[str]:
 
 def initial_notes(assembly: Assembly) -> Iterator[str]:
     """Initial values that are probably mistakes: hinges beyond one turn, a target beyond the reach of the arm."""
+    # A wheel that turns without limits may have turned often, in a state of a log too: no angle of it is a mistake.
+    wheels = {joint.name for joint in rotors(assembly.system)}
     for name, joint in assembly.system.joints.items():
         angle = float(assembly.data.qpos[joint.qpos][0])
-        if joint.kind == "hinge" and abs(angle) > _TURN:
+        if joint.kind == "hinge" and name not in wheels and abs(angle) > _TURN:
             as_degrees = f"{angle:g} degrees are {np.deg2rad(angle):.6g} rad"
             yield f"joint {name} starts at {angle:g} rad, {abs(angle) / _TURN:.3g} turns; angles are in rad, {as_degrees}"
     task = assembly.task

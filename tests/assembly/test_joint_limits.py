@@ -11,6 +11,7 @@ from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError
 from tests.contact_models.limits import GRIPPER, ROTOR, rotor
+from tests.controllers.detumbling import spacecraft
 from tests.scenes import HEAD, ball, scene
 
 IGNORE = "or write 'limits: ignore' in the scenario"
@@ -98,6 +99,13 @@ def test_a_start_that_is_not_stated_is_refused_too(tmp_path):
     path = scene(tmp_path, ROTOR.replace("-30 30", "10 30"), {})
     (line,) = refused(path)
     assert "initial: joint robot/hinge starts at 0 rad, outside its limits of 0.174533 to 0.523599 rad" in line
+
+
+def test_a_wheel_may_have_turned_often_and_a_joint_of_an_arm_not(tmp_path):
+    """As in a state of a log: 34 turns of a wheel are no degrees that were taken for radians."""
+    path = scene(tmp_path, spacecraft(), {}, initial={"joints": {"wheel_1": -213.373, "shoulder": -213.373}})
+    notes = [line for line in prepare(path).describe() if "turns" in line]
+    assert [note[:47] for note in notes] == ["note: joint robot/shoulder starts at -213.373 r"]
 
 
 @pytest.mark.parametrize(
