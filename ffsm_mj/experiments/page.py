@@ -18,6 +18,7 @@ from ffsm_mj.experiments.statistics import (
     CONFIDENCE,
     LEAST_RANKED,
     Proportion,
+    digits_of,
     groups,
     intervals,
     is_constant,
@@ -182,24 +183,26 @@ def _metrics(results: VariantResults) -> str:
             elif is_constant(values):
                 cells = [number(float(values[0])), "constant", *[""] * 4]
             else:
-                shown = (_quantile(values, share) for share in _SHARES)
-                cells = [number(float(values.min())), *shown, number(float(values.max())), mean_text(values)]
+                low, high = float(values.min()), float(values.max())
+                digits = digits_of(low, high)
+                shown = (_quantile(values, share, digits) for share in _SHARES)
+                cells = [number(low, digits), *shown, number(high, digits), mean_text(values)]
             rows.append([code(metric), *([escaped(name)] if several else []), str(len(values)), *cells])
     caption = "Over the runs that did not fail and have the metric; quantiles and means with confidence intervals."
     return f"{caption}\n\n{markdown_table(head, rows, texts=('variant',))}"
 
 
-def _quantile(values: FloatArray, share: float) -> str:
+def _quantile(values: FloatArray, share: float, digits: int) -> str:
     estimate = quantile(values, share)
-    if estimate.low is not None and estimate.high is not None:
-        return f"{number(estimate.value)} ({number(estimate.low)} to {number(estimate.high)})"
-    if estimate.low is not None:
-        needed = values_for_upper_end(share)
-        return f"{number(estimate.value)} (from {number(estimate.low)}, no upper bound with fewer than {needed} runs)"
-    if estimate.high is not None:
-        needed = values_for_upper_end(1.0 - share)
-        return f"{number(estimate.value)} (to {number(estimate.high)}, no lower bound with fewer than {needed} runs)"
-    return f"{number(estimate.value)} (no bounds)"
+    value = number(estimate.value, digits)
+    low, high = (None if end is None else number(end, digits) for end in (estimate.low, estimate.high))
+    if low is not None and high is not None:
+        return f"{value} ({low} to {high})"
+    if low is not None:
+        return f"{value} (from {low}, no upper bound with fewer than {values_for_upper_end(share)} runs)"
+    if high is not None:
+        return f"{value} (to {high}, no lower bound with fewer than {values_for_upper_end(1.0 - share)} runs)"
+    return f"{value} (no bounds)"
 
 
 def _convergence(results: Results) -> Iterator[str]:

@@ -14,6 +14,7 @@ from ffsm_mj.experiments.statistics import (
     LEAST_RANKED,
     NO_SUCCESS,
     Proportion,
+    digits_of,
     groups,
     is_constant,
     mean_text,
@@ -68,7 +69,8 @@ def _metric_sentences(results: Results) -> Iterator[str]:
                 yield f"{metric}: {number(float(values[0]))} in all {plural(len(values), 'run')}"
             continue
         middle, low, high = (quantile(values, share).value for share in (0.5, 0.05, 0.95))
-        quantiles = f"median {number(middle)}, 5 % {number(low)}, 95 % {number(high)}"
+        median, *ends = (number(value, digits_of(low, high)) for value in (middle, low, high))
+        quantiles = f"median {median}, 5 % {ends[0]}, 95 % {ends[1]}"
         yield f"{metric}: mean {mean_text(values)}, {quantiles}, of {plural(len(values), 'run')}"
 
 

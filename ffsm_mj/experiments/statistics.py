@@ -53,7 +53,18 @@ class Proportion:
 def mean_text(values: FloatArray) -> str:
     """Mean of some values with its interval as text."""
     low, high = mean_interval(values)
-    return number(float(values.mean())) + ("" if math.isnan(low) else f" ({number(low)} to {number(high)})")
+    if math.isnan(low):
+        return number(float(values.mean()))
+    mean, low_text, high_text = (number(value, digits_of(low, high)) for value in (float(values.mean()), low, high))
+    return f"{mean} ({low_text} to {high_text})"
+
+
+def digits_of(low: float, high: float) -> int:
+    """Digits with which the ends of an interval have two digits of their difference, at least four."""
+    if is_constant(np.array([low, high])):
+        return 4
+    first, differs = (math.floor(math.log10(value)) for value in (max(abs(low), abs(high)), high - low))
+    return max(4, first - differs + 2)
 
 
 _RESAMPLES = 10_000

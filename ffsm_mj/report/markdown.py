@@ -31,9 +31,9 @@ def escaped(text: str) -> str:
     return html.escape(one_line(text), quote=False).replace("|", "\\|")
 
 
-def number(value: float) -> str:
-    """A number with four digits."""
-    return f"{value:.4g}"
+def number(value: float, digits: int = 4) -> str:
+    """A number with four digits, or so many."""
+    return f"{value:.{digits}g}"
 
 
 def percent(share: float) -> str:

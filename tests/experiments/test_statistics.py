@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -10,11 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import sem, t
 
+from ffsm_mj.experiments.sentences import sentences_of
 from ffsm_mj.experiments.statistics import (
     Proportion,
+    digits_of,
     intervals,
     is_constant,
     mean_interval,
+    mean_text,
     quantile,
     rank_correlation,
     values_for_bound,
@@ -134,6 +138,18 @@ def test_the_interval_of_a_mean_stays_where_the_values_are():
     values = np.array([0.01, 0.012, 0.02, 0.25])
     assert values.mean() < t.ppf(0.975, 3) * sem(values)
     assert 0.01 <= mean_interval(values)[0] < values.mean() < mean_interval(values)[1] <= 0.25
+
+
+def test_an_interval_has_the_digits_that_tell_its_ends_apart():
+    """Two digits of what the ends differ by, 0.0007 of 23: to the fifth decimal; and never less than four."""
+    values = 23.12347 + 0.002 * np.sin(np.arange(64))
+    low, high = mean_interval(values)
+    assert 1e-4 < high - low < 1e-3
+    assert mean_text(values) == f"{values.mean():.5f} ({low:.5f} to {high:.5f})"
+    ends = ((23.1989, 23.2012), (1.0, 2.0), (5.0, 5.0), (-1.00015, -1.0))
+    assert [digits_of(*each) for each in ends] == [6, 4, 4, 6]
+    (line,) = (line for line in sentences_of(results([row(i, y=y) for i, y in enumerate(values)]), ()) if "mean" in line)
+    assert re.search(r"median 23\.12\d+, 5 % 23\.1215, 95 % 23\.1254", line)
 
 
 def test_the_interval_of_many_values_is_that_of_fewer_to_its_error():
