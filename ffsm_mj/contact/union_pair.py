@@ -420,9 +420,8 @@ class UnionPair(ContactPair):
         if any(one.gap <= CONTACT_GAP_M for _, one in alone):
             every = (entry for union in self.together for entry in (alone if union is self else union._alone(model, data)))
             return self._patches(model, data, [(pair, one) for pair, one in every if one.gap <= CONTACT_GAP_M])
-        if alone:
-            return (min((one for _, one in alone), key=lambda one: one.gap),)
-        return (self._nearest_pair(model, data).alone(model, data),)
+        near = [one for _, one in alone] or [self._nearest_pair(model, data).alone(model, data)]
+        return (min(near, key=lambda one: one.gap),)
 
     def _alone(self, model: Any, data: Any) -> list[tuple[PiecePair, Proximity]]:
         """Pairs of pieces that may touch, each as if there were no others."""
@@ -459,7 +458,7 @@ class UnionPair(ContactPair):
                 for normal, owner in pair.union._normals(model, data, pair, near, point):
                     group = next((one for one in groups if one.has(normal, point)), None)
                     if group is None:
-                        groups.append(group := _Group(float(normal @ point), [], [], []))
+                        groups.append(group := _Group([], [], []))
                     group.normals.append(normal)
                     group.points.append(point)
                     group.owners.append(owner)
@@ -583,15 +582,14 @@ def _owner(near: Proximity, point: FloatArray) -> PiecePair:
 class _Group:
     """Points of one patch, each with its normal and pair of pieces."""
 
-    level: float
     normals: list[FloatArray]
     points: list[FloatArray]
     owners: list[PiecePair]
 
     def has(self, normal: FloatArray, point: FloatArray) -> bool:
         """Whether a point belongs to it: its normal is parallel, and it is in the plane of the others."""
-        first = self.normals[0]
-        return math.dist(first, normal) <= PARALLEL and abs(self.level - float(first @ point)) <= 10.0 * CONTACT_GAP_M
+        first, there = self.normals[0], self.points[0]
+        return math.dist(first, normal) <= PARALLEL and abs(float(first @ (there - point))) <= 10.0 * CONTACT_GAP_M
 
     def distinct(self) -> list[FloatArray]:
         """Its normals, each once."""

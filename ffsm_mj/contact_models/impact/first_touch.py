@@ -18,6 +18,8 @@ _FALL = 100.0
 """A pair that starts in contact touches again when its gap has fallen by this many times its rounding."""
 _SMOOTH = 1e-2
 """Share of the values at both ends, below which that between them is if the function is nearly straight."""
+_AT_ROOT = 0.1
+"""Share of its tolerance within which a value is rounding: 1e-15 m of a gap of bodies some 0.1 m from the origin."""
 _ITERATIONS = 100
 """The 40 that halve the interval leave 1e-12 of it, 1e-15 s of a step of 1 ms."""
 _KINKED = 20
@@ -124,7 +126,10 @@ def root(
             break
         fc = f(c)
         if abs(fc) <= tolerance:
-            return c
+            # Which value within the tolerance comes first hangs on where the search began: the straight line does not.
+            p, fp = seen[-1]
+            is_straight = _AT_ROOT * tolerance < abs(fc) < _SMOOTH * abs(fp)
+            return min(max(a, c - fc * (c - p) / (fc - fp)), b) if is_straight else c
         seen.append((c, fc))
         # Where it is flat, values are equal, and it has no inverse.
         is_smooth = abs(fc) < _SMOOTH * min(abs(fa), abs(fb)) and len({value for _, value in seen[-3:]}) == 3

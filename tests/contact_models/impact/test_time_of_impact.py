@@ -289,6 +289,17 @@ def test_an_overlap_at_the_end_is_not_looked_at_again():
         assert 1e-3 not in looked
 
 
+@pytest.mark.parametrize("start", np.linspace(0.0, 1.5e-3, 16))
+def test_a_touch_does_not_depend_on_where_the_search_begins(start):
+    """Thin pieces are looked for in shorter parts of a step than thick ones: both touch at the same time."""
+    place, speed = 1.6e-3, 0.16
+    gap = np.poly1d([-400.0, 12.0, -speed, 0.0])
+    at, _ = path(lambda time: gap(time - place), lambda time: gap.deriv()(time - place))
+    found = first_touch(at, start, 2e-3, lambda _: False)
+    # To a tenth of the rounding: the first value within all of it is up to that much away, from every third start.
+    assert found == pytest.approx(place, abs=0.1 * ROUNDING / speed)
+
+
 @pytest.mark.parametrize(
     ("gap", "rate", "approaches"),
     [(0.0, -1e-11, True), (0.0, -1e-13, False), (0.0, 1e-11, False), (-1e-10, -1e-13, True), (-1e-10, -1e-16, False)],
