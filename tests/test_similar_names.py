@@ -38,12 +38,12 @@ def test_the_meant_file(tmp_path):
 
 
 def test_of_many_names_a_message_shows_the_most_similar():
-    """All of 40, in the order of the alphabet; of 41 ten, the one that was meant first."""
-    names = [f"state.q_joint_{i}_rad" for i in range(40)]
-    assert unknown_name("signal", "q_joint_7_rd", names).partition("; allowed: ")[2].count("state.q_joint") == 40
+    """All of 20, in the order of the alphabet; of 21 ten, the one that was meant first."""
+    names = [f"state.q_joint_{i}_rad" for i in range(20)]
+    assert unknown_name("signal", "q_joint_7_rd", names).partition("; allowed: ")[2].split(", ") == sorted(names)
     text = unknown_name("signal", "q_joint_7_rd", [*names, "energy.total_J"])
     listed = text.partition("; allowed: ")[2]
     assert listed.startswith("state.q_joint_7_rad, ")
-    assert listed.endswith(" and 31 more")
+    assert listed.endswith(" and 11 more")
     assert listed.count(",") == 9
     assert "energy" not in text

@@ -139,6 +139,7 @@ CASES = {
             )
         ),
     ),
+    "track, out of reach": lambda _: Case("capture", tracking(following(offset_m=[-3.0, 0.0, 0.0], max_joint_rate=0.08))),
     "osdre": lambda _: arm(OSDRE),
     "osdre, three outputs": lambda _: arm_in_space({"kind": "osdre", "joints": SEVEN, "Q": [1.0] * 6, "R": [1.0] * 7}),
     "osdre, moving target": lambda _: arm(OSDRE, task=MOVE),

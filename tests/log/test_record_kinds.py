@@ -177,7 +177,7 @@ def test_reports_list_records_and_comparisons_their_first_difference(plain_run, 
     second, _ = recorded(plain_run, tmp_path / "b", FIRST)
     assert main(["analyze", str(tmp_path / "a"), str(tmp_path / "b"), "--compare"]) == 0
     out = capsys.readouterr().out
-    assert "grips: 2\n  0.100000 s  grip of ball and target, holds 1\n" in out
+    assert "2 grips\n  0.100000 s  grip of ball and target, holds 1\n" in out
     assert "  impacts: 1, identical\n" in out
     assert "  grips: 2 -> 1, number 2 differs: grip of ball and target, holds 0 -> none\n" in out
     assert not ffsm_mj.compare(first, second).same

@@ -111,6 +111,6 @@ def test_figures_of_sensors_and_estimates(tmp_path):
     )
     seen = ffsm_mj.load_run(tmp_path / "run")  # a log knows less than a run in memory
     drawn = figures(seen, ["sensors", "estimates"])
-    assert {name: len(figure.axes) for name, figure in drawn.items()} == {"sensors": 8, "estimates": 6}
+    assert {name: len(figure.axes) for name, figure in drawn.items()} == {"sensors": 8, "estimates": 4}
     without = run(pushing(tmp_path, robot=arm(""), duration_s=0.05))
     assert not {"sensors", "estimates"} & set(figure_names(without))
