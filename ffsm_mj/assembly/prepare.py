@@ -474,6 +474,12 @@ class PreparedRun(CompiledScenario):
 
         return self._looked_at(describe)
 
+    def instabilities(self) -> list[str]:
+        """Notes on phases whose control laws have unstable damping gains, one line each."""
+        from ffsm_mj.assembly.notes import unstable_damping
+
+        return self._looked_at(lambda components: [*unstable_damping(components)])
+
     def _looked_at(self, look: Callable[[Assembly], list[str]]) -> list[str]:
         """What some components say, which no run has meanwhile."""
         components = self.assemble()

@@ -14,7 +14,7 @@ from ffsm_mj.experiments.campaign import Campaign
 from ffsm_mj.experiments.driver import NoWorkersLeftError
 from ffsm_mj.experiments.folder import RERUNS
 from ffsm_mj.experiments.metrics import NO_CLASSES, ScriptClasses, read_metrics
-from ffsm_mj.experiments.planning import VariantsPlan, load_campaign
+from ffsm_mj.experiments.planning import VariantsPlan, instabilities, load_campaign
 from ffsm_mj.experiments.status import Status
 from ffsm_mj.invocation import command
 from ffsm_mj.report.terminal import listed
@@ -49,6 +49,8 @@ def _run(options: argparse.Namespace, output: Output, stage: Stage) -> int:
     if isinstance(plan, VariantsPlan):
         for name, reason in plan.not_applicable.items():
             output.say(f"not applicable: {name}: {reason}")
+    for note in instabilities(plan):
+        output.say(one_line(f"note: {note}"))
     out = Path(options.out) if options.out else Path("logs") / f"campaign-{plan.config.campaign}"
     return _make(Campaign.begin(plan, out), options, output, stage)
 

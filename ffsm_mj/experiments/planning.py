@@ -405,7 +405,18 @@ def described(plan: Plan | VariantsPlan) -> list[str]:
         planned.design()  # refuses samples that the scenario of the variant does not accept
     if plan.classes.metrics:
         lines.append(f"  own metrics: {', '.join(plan.classes.metrics)}")
-    return [*lines, *(f"variant {line}" if not i else line for i, line in enumerate(_description(first, design)))]
+    lines += [f"variant {line}" if not i else line for i, line in enumerate(_description(first, design))]
+    return [*lines, *(f"note: {note}" for planned in others for note in instabilities(planned))]
+
+
+def instabilities(plan: Plan | VariantsPlan) -> list[str]:
+    """Notes on unstable gains of control laws in the base scenario of a campaign or of its variants, which they name."""
+    if isinstance(plan, VariantsPlan):
+        return [note for variant in plan.variants.values() for note in instabilities(variant)]
+    try:
+        return [f"{plan.config.campaign}: {note}" for note in plan.base.instabilities()]
+    except InputError:
+        return []  # it cannot start as it is; runs with other initial values may
 
 
 def _kind(value: object) -> str:

@@ -41,6 +41,20 @@ def test_a_study_is_checked_without_running_it(tmp_path: Path, capsys: pytest.Ca
     assert "mine.py: cannot be executed (SystemExit: 1" in capsys.readouterr().err
 
 
+def test_unstable_gains_of_every_variant_are_noted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As ``check`` notes them for a scenario: a damper on a slide of 2 kg at 1 ms is stable below 2 x 2 kg / 1 ms."""
+    laws = {name: {"kind": "pd", "joints": ["robot/x"], "kp": 0.0, "kd": kd} for name, kd in GAINS.items()}
+    path = variants_file(tmp_path, {name: {"controllers": {"coast": law}} for name, law in laws.items()})
+    for command in (["check", str(path)], ["campaign", "run", str(path), "--out", str(tmp_path / "out"), "--workers", "1"]):
+        main([*command, "-s", "samples.n=1", "-s", "overrides.duration_s=0.002"])
+        noted = [line for line in capsys.readouterr().out.splitlines() if "kd is unstable at the control period" in line]
+        assert [note.partition(" phase ")[0] for note in noted] == ["note: wild:", "note: wilder:"]
+
+
+GAINS = {"calm": 3900.0, "wild": 4100.0, "wilder": 1e5}
+"""N s/m."""
+
+
 def test_old_names_suggest_the_new_ones(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["study", "run", "laws-after-impact"]) == 2
     assert capsys.readouterr().err == "ffsm: unknown command 'study'; use 'ffsm campaign'\n"
