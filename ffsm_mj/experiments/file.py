@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -118,14 +118,21 @@ class VariantConfig(StrictModel):
     scenario: Name | None = None
     """A scenario file or the name of a shipped scenario, in place of that of the campaign."""
     controllers: dict[Name, dict[Name, Any]] = {}
-    """Control laws by phase: each replaces the ``controller`` of the phase, its kind included."""
+    """Control laws by phase: each replaces ``controller`` or ``controllers`` of the phase, its kind included. Of several
+    parts ``{PART: {kind: ...}, ...}``, as in ``controllers`` of a phase."""
     overrides: dict[Name, Any] = {}
     """Overrides of the scenario, by dotted key, applied after those of the campaign and after ``controllers``."""
 
     def overrides_after(self, shared: dict[str, Any]) -> dict[str, Any]:
         """Overrides of the campaign, then those of the variant, in the order in which they are applied."""
-        changes = {f"phases.{phase}.controller": law for phase, law in self.controllers.items()} | self.overrides
+        changes = {self.law_key(phase): law for phase, law in self.controllers.items()} | self.overrides
         return {key: value for key, value in shared.items() if key not in changes} | changes
+
+    def law_key(self, phase: str) -> str:
+        """Key of the scenario that the law of a phase replaces: that of parts, if each of its keys has one."""
+        law = self.controllers[phase]
+        in_parts = bool(law) and "kind" not in law and all(isinstance(part, Mapping) for part in law.values())
+        return f"phases.{phase}.{'controllers' if in_parts else 'controller'}"
 
 
 class ParetoConfig(StrictModel):

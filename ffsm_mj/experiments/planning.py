@@ -377,10 +377,8 @@ def _place(name: str, variant: VariantConfig | None, key: str) -> KeyPath:
     """Where an override stands in the campaign file."""
     if variant is not None and key in variant.overrides:
         return ("variants", name, "overrides", key)
-    phase = key.removeprefix("phases.").removesuffix(".controller")
-    if variant is not None and phase in variant.controllers:
-        return ("variants", name, "controllers", phase)
-    return ("overrides", key)
+    phases = (phase for phase in variant.controllers if variant.law_key(phase) == key) if variant is not None else ()
+    return next((("variants", name, "controllers", phase) for phase in phases), ("overrides", key))
 
 
 def described(plan: Plan | VariantsPlan) -> list[str]:
@@ -420,8 +418,13 @@ def instabilities(plan: Plan | VariantsPlan) -> list[str]:
 
 
 def _kind(value: object) -> str:
-    """A value of an override; of a control law its kind."""
-    return f"kind {value['kind']}" if isinstance(value, Mapping) and "kind" in value else write_flow(plain(value))
+    """A value of an override; of a control law its kind, of one in parts the kinds of these."""
+    if isinstance(value, Mapping):
+        if "kind" in value:
+            return f"kind {value['kind']}"
+        if value and all(isinstance(part, Mapping) and "kind" in part for part in value.values()):
+            return ", ".join(f"{name} of kind {part['kind']}" for name, part in value.items())
+    return write_flow(plain(value))
 
 
 def _description(plan: Plan, design: Design) -> list[str]:

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from ffsm_mj.cli.main import main
+from ffsm_mj.experiments.planning import load_campaign
 from tests.experiments.variant_files import HALF, variants_file
 
 
@@ -45,14 +46,30 @@ def test_unstable_gains_of_every_variant_are_noted(tmp_path: Path, capsys: pytes
     """As ``check`` notes them for a scenario: a damper on a slide of 2 kg at 1 ms is stable below 2 x 2 kg / 1 ms."""
     laws = {name: {"kind": "pd", "joints": ["robot/x"], "kp": 0.0, "kd": kd} for name, kd in GAINS.items()}
     path = variants_file(tmp_path, {name: {"controllers": {"coast": law}} for name, law in laws.items()})
-    for command in (["check", str(path)], ["campaign", "run", str(path), "--out", str(tmp_path / "out"), "--workers", "1"]):
-        main([*command, "-s", "samples.n=1", "-s", "overrides.duration_s=0.002"])
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/notes.txt").touch()  # not the folder of a campaign: refused before a run begins
+    for command, code in (["check", str(path)], 0), (["campaign", "run", str(path), "--out", str(tmp_path / "out")], 2):
+        assert main(command) == code
         noted = [line for line in capsys.readouterr().out.splitlines() if "kd is unstable at the control period" in line]
         assert [note.partition(" phase ")[0] for note in noted] == ["note: wild:", "note: wilder:"]
 
 
 GAINS = {"calm": 3900.0, "wild": 4100.0, "wilder": 1e5}
 """N s/m."""
+
+
+def test_the_law_of_a_variant_may_have_parts(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """They replace the law of the phase, and their faults are found where the campaign has them."""
+    slide = {"kind": "pd", "joints": ["robot/x"], "kp": 0.0, "kd": 1.0}
+    path = variants_file(tmp_path, {"elastic": {}, "parts": {"controllers": {"coast": {"slide": slide}}}})
+    assert main(["check", str(path)]) == 0
+    assert "parts    phases.coast.controllers = slide of kind pd" in capsys.readouterr().out
+    (phase,) = load_campaign(path).variants["parts"].base.scenario.phases
+    assert phase.controller is None
+    assert [law.kind for law in phase.controllers.values()] == ["pd"]
+    parts = {"slide": slide | {"kdd": 1.0}}
+    assert main(["check", str(variants_file(tmp_path, {"elastic": {}, "parts": {"controllers": {"coast": parts}}}))]) == 2
+    assert "variants.parts.controllers.coast: phases.0.controllers.slide.kdd: unknown key" in capsys.readouterr().err
 
 
 def test_old_names_suggest_the_new_ones(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
