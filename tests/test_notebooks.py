@@ -16,8 +16,8 @@ from PIL import Image
 ROOT = Path(__file__).parent.parent
 SCRIPT = runpy.run_path(str(ROOT / "docs" / "run_notebooks.py"))
 NOTEBOOKS = SCRIPT["NOTEBOOKS"]
-ROUNDING = re.compile(r"\d(\.\d+)?e[-+]\d\d")
-"""Residuals, which are rounding errors."""
+ROUNDING = re.compile(r"\d(\.\d+)?e[-+]\d\d|(?<=at most )0\b")
+"""Residuals, which are rounding errors, or none."""
 SCREEN = 45
 """Lines of code and text of a notebook at most: with a picture that is about one screen."""
 
