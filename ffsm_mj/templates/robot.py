@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -103,8 +103,7 @@ def write_scenario(asked: TemplateRequest) -> list[str]:
         robot = model if asked.base else asked.robot  # the root of a URDF gets a free joint wherever it is read
         if asked.base:
             model.write_text(model_text(name, vendor, base, relative(asked.robot, asked.out)), encoding="utf-8")
-        outside = not vendor.folder.is_relative_to(os.path.abspath(asked.out))
-        folders = [vendor.folder] if asked.base and outside else []
+        folders = outside(vendor.folder, asked.out) if asked.base else []
         files = read_model(robot, folders, asked.packages)
         files = replace(files, strip=tuple(needed_strips(files)))
         decomposed = Decomposable((), ())
@@ -112,11 +111,7 @@ def write_scenario(asked: TemplateRequest) -> list[str]:
             alone = compile_system(files, {}, time_step_s=TIME_STEP_S)
             decomposed = decomposable(files, alone, "robot", asked.decompose, robot.parent)
         start = _start(files, ball, asked.tip)
-        places = Places(
-            relative(robot, asked.out),
-            [relative(folder, asked.out) for folder in folders],
-            [relative(package, asked.out) for package in asked.packages],
-        )
+        places = placed(asked.out, robot, folders, asked.packages)
         scenario.write_text(
             scenario_text(name, asked.robot.name, files.strip, decomposed.data, start, places), encoding="utf-8"
         )
@@ -187,6 +182,17 @@ def cuboid(mass: float, edges: tuple[float, ...] = ()) -> Base:
 def relative(path: Path, folder: Path) -> str:
     """A path as a file in a folder has it."""
     return Path(os.path.relpath(path, folder)).as_posix()
+
+
+def placed(out: Path, model: Path, folders: Iterable[Path], packages: Iterable[Path]) -> Places:
+    """Paths as a scenario in a folder has them."""
+    return Places(relative(model, out), *([relative(one, out) for one in some] for some in (folders, packages)))
+
+
+def outside(folder: Path, out: Path) -> list[Path]:
+    """A folder that a scenario in another one has to name to read files from it; empty if it is in that one."""
+    home = Path(os.path.abspath(folder))
+    return [] if home.is_relative_to(os.path.abspath(out)) else [home]
 
 
 @contextmanager

@@ -15,6 +15,7 @@ from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError, ScenarioFaults, one_line
 from ffsm_mj.invocation import command
 from ffsm_mj.scenario.loading import load_scenario
+from ffsm_mj.templates.robot import relative
 from ffsm_mj.templates.robot_text import flow, flow_maps
 from ffsm_mj.templates.vendor import Decomposable, decomposable, needed_strips
 from ffsm_mj.yaml import write_flow
@@ -117,7 +118,6 @@ def _decomposed(path: Path, asked: SceneRequest) -> dict[str, Decomposable]:
 
 def _text(asked: SceneRequest, changes: Mapping[str, Mapping[str, str]], overlaps: Sequence[tuple[str, str]] = ()) -> str:
     """The scenario, commented; with the keys that it has for models by name, as YAML, and contacts ignored that overlap."""
-    file = Path(os.path.relpath(asked.scene, asked.out)).as_posix()
     texts = {
         name: f"{{{', '.join(f'{key}: {value}' for key, value in change.items())}}}" for name, change in changes.items()
     }
@@ -134,7 +134,7 @@ def _text(asked: SceneRequest, changes: Mapping[str, Mapping[str, str]], overlap
         "",
         "# The robot is one tree of the file. The others are objects with the names of their root bodies, and what the file",
         "# fixes to the world is the object 'surroundings'. Its first keyframe is the initial state.",
-        f"scene: {{mjcf: {write_flow(file)}, robot: {write_flow(asked.robot)}}}",
+        f"scene: {{mjcf: {write_flow(relative(asked.scene, asked.out))}, robot: {write_flow(asked.robot)}}}",
         *(
             ["# 'strip' is removed before compilation, as it is not modelled; 'decompose' makes pieces of meshes."]
             if changes

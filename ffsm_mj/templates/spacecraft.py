@@ -24,7 +24,7 @@ from ffsm_mj.model.system import System
 from ffsm_mj.templates.layout import Authority, authority, jets, wheel_axes
 from ffsm_mj.templates.mission import APPROACH_S, CLOSE_IN_S, MOVING_S, STAND_OFF_S, Arm, GraspPlan, find_arm, plan_grasp
 from ffsm_mj.templates.pose import find_tip, posed, starting_pose
-from ffsm_mj.templates.robot import cuboid, digits, new_files, relative, removed_after
+from ffsm_mj.templates.robot import cuboid, digits, new_files, outside, placed, relative, removed_after
 from ffsm_mj.templates.robot_text import Places, rounded, unused
 from ffsm_mj.templates.spacecraft_text import Craft, Mission, mission_text, spacecraft_text, target_text
 from ffsm_mj.templates.vendor import Vendor, needed_strips, read_vendor
@@ -104,7 +104,7 @@ def write_spacecraft(asked: SpacecraftRequest) -> list[str]:
     asked.out.mkdir(parents=True, exist_ok=True)
     with removed_after(asked.robot, scenario, model, target_file):
         model.write_text(spacecraft_text(name, vendor, craft, relative(asked.robot, asked.out)), encoding="utf-8")
-        folders = [] if vendor.folder.is_relative_to(asked.out.absolute()) else [vendor.folder]
+        folders = outside(vendor.folder, asked.out)
         files = read_model(model, folders, asked.packages)
         files = replace(files, strip=tuple(needed_strips(files)))
         target, target_places = _target(asked, target_file)
@@ -115,9 +115,7 @@ def write_spacecraft(asked: SpacecraftRequest) -> list[str]:
         alone = compile_system(target, {}, time_step_s=_TIME_STEP_S)
         capture = plan_grasp(system, alone, data, arm, craft.base.halves[2], asked.grapple)
         mission = _mission(system, data, arm, capture, craft, target.strip, target_places)
-        places = Places(
-            relative(model, asked.out), *([relative(one, asked.out) for one in some] for some in (folders, asked.packages))
-        )
+        places = placed(asked.out, model, folders, asked.packages)
         scenario.write_text(mission_text(name, asked.robot.name, files.strip, craft, mission, places), encoding="utf-8")
         prepare(scenario)
     written = [path.name for path in (scenario, model, target_file) if path.exists()]
@@ -181,15 +179,13 @@ def _target(asked: SpacecraftRequest, file: Path) -> tuple[ModelFiles, Places]:
     """
     if asked.target is not None and asked.target.suffix.lower() in _MODELS:
         files = read_model(asked.target, (), asked.packages)
-        packages = [relative(package, asked.out) for package in asked.packages] if files.urdf else []
         files = replace(files, strip=tuple(needed_strips(files)))
-        return files, Places(relative(asked.target, asked.out), [], packages)
+        return files, placed(asked.out, asked.target, (), asked.packages if files.urdf else ())
     mass = asked.target_mass or rounded(_TARGET_PER_BUS * (asked.bus_mass or _BUS_KG), 2)
     mesh = relative(asked.target, asked.out) if asked.target is not None else ""
     file.write_text(target_text(rounded(math.cbrt(mass / _TARGET_DENSITY), 2), mass, mesh), encoding="utf-8")
-    home = asked.target.parent.absolute() if asked.target is not None else asked.out.absolute()
-    folders = [] if home.is_relative_to(asked.out.absolute()) else [home]
-    return read_model(file, folders), Places(file.name, [relative(folder, asked.out) for folder in folders], [])
+    folders = outside((asked.target or file).parent, asked.out)
+    return read_model(file, folders), placed(asked.out, file, folders, ())
 
 
 def _compiled(files: ModelFiles, target: ModelFiles, tip: str) -> tuple[System, Any, Arm]:

@@ -194,6 +194,14 @@ def test_every_line_has_a_comment(made):
             before = line
 
 
+def test_a_mesh_of_another_folder_is_found(made, monkeypatch):
+    Path("rock.obj").write_text(TETRA.format(x=0.4))
+    Path("here").mkdir()
+    monkeypatch.chdir("here")
+    made("--target", "../rock.obj")
+    assert prepare("my.yaml").scenario.objects["target"].asset_folders == ("..",)
+
+
 @pytest.mark.long(by_turns=True)
 @pytest.mark.parametrize(
     ("joints", "options"),
