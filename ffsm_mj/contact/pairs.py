@@ -382,9 +382,14 @@ class ContactPair(Stateful):
 
     def slip(self, data: Any, normal: FloatArray, point: FloatArray) -> FloatArray:
         """Tangential velocity of b relative to a at a point, world axes, (3,), m/s."""
-        velocity_a = self._velocity(data, self.body_a, self._root1, point[None])[0]
-        relative = self._velocity(data, self.body_b, self._root2, point[None])[0] - velocity_a
+        relative = self._moves(data, point)
         return np.asarray(relative - (relative @ normal) * normal)
+
+    def _moves(self, data: Any, point: FloatArray) -> FloatArray:
+        """Velocity of b relative to a at a point, m/s, (3,)."""
+        there = point[None]
+        of_b = self._velocity(data, self.body_b, self._root2, there)
+        return np.asarray((of_b - self._velocity(data, self.body_a, self._root1, there))[0])
 
     @staticmethod
     def _velocity(data: Any, body: int, root: int, points: FloatArray) -> FloatArray:

@@ -114,17 +114,18 @@ class PiecePair(ContactPair):
 
     def alone(self, model: Any, data: Any) -> Proximity:
         """Gap, normal, points and rates of these two pieces as if there were no others."""
-        near = self._with_local_gap(super().proximity(model, data), model, data)
+        near = self._of_features(model, data)
         if near.gap >= -DRIFT_M or self.gap(model, data) < -DISTANCE_QUERY_M:
             return near
         # Deeper than a contact drifts, and no overlap: a body that slides over a seam touches the next piece on top, where
         # it approached its covered side. The normal turns at once, and the search does not find it from the last one.
         if (face := face_normal(self.pieces, self.union.sides, data, self.shapes(model, data))) is not None:
             self._search.start_from(face)
-        return self._with_local_gap(super().proximity(model, data), model, data)
+        return self._of_features(model, data)
 
-    def _with_local_gap(self, near: Proximity, model: Any, data: Any) -> Proximity:
-        """The proximity with the gap at its points, of faces and edges that are level to PARALLEL only."""
+    def _of_features(self, model: Any, data: Any) -> Proximity:
+        """The proximity along the normal of the search, with the gap at its points, of what is level to PARALLEL only."""
+        near = super().proximity(model, data)
         if near.gap > CONTACT_GAP_M or self.is_curved:
             return near
         gap = local_gap(self.shapes(model, data), near.normal, near.points)
@@ -529,12 +530,6 @@ class UnionPair(ContactPair):
             side.is_covered(piece, sense * normal @ data.xmat[side.body].reshape(3, 3))
             for side, piece, sense in zip(self.sides, pair.pieces, (1.0, -1.0), strict=True)
         )
-
-    def _moves(self, data: Any, point: FloatArray) -> FloatArray:
-        """Velocity of b relative to a at a point, m/s, (3,)."""
-        there = point[None]
-        of_b = self._velocity(data, self.body_b, self._root2, there)
-        return np.asarray((of_b - self._velocity(data, self.body_a, self._root1, there))[0])
 
     def second_rate(self, model: Any, data: Any, near: Proximity, point: FloatArray) -> SecondRate:
         """Second rate of the gap at one of the points of a patch; accelerations in ``data`` must be current."""
