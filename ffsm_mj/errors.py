@@ -276,7 +276,7 @@ def _listed(name: str, valid: Collection[str]) -> str:
     """Names by alphabet, or the most similar ones to a name first and the number of all others."""
     if len(valid) <= _LONGEST_LIST:
         return ", ".join(sorted(valid, key=str.lower))
-    return f"{', '.join(most_similar_first(name, valid)[:_MOST_NAMES])} and {len(valid) - _MOST_NAMES} more"
+    return first_few(most_similar_first(name, valid), _MOST_NAMES)
 
 
 def full_name(kind: str, name: str, names: Iterable[str]) -> str:

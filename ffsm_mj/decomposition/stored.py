@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
-from ffsm_mj.errors import InputError
+from ffsm_mj.errors import InputError, plural
 from ffsm_mj.polytope import Polytope
 
 FOLDER = "pieces"
@@ -114,7 +114,7 @@ class Decomposition:
     @property
     def sentence(self) -> str:
         """The decomposition in words."""
-        which = f"{len(self.pieces)} piece{'s' * (len(self.pieces) != 1)} by {self.method} {self.version}"
+        which = f"{plural(len(self.pieces), 'piece')} by {self.method} {self.version}"
         key = f"; sha256 {self.sha256[:_SHORT]}"
         if self.method == "prisms":
             return which + key
