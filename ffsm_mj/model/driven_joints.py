@@ -54,7 +54,7 @@ def driven_joints(
     Raises:
         ScenarioFaults: A joint is unknown, does not belong to the robot, has no motor, or is driven by a servo.
     """
-    motors = _motors(system)
+    motors = motors_of_joints(system)
     is_named = names is not None
     if names is None:
         independent = _independent(system, [joint.name for joint in _robot_joints(system) if joint.name in motors])
@@ -97,7 +97,7 @@ def servo_joints(
     """
     servos = joints_of_servos(system)
     if names is None:
-        motors, candidates = _motors(system), _robot_joints(system)
+        motors, candidates = motors_of_joints(system), _robot_joints(system)
         of_servos = [joint for joint in candidates if set(servos.get(joint.name, ())).difference(reserved)]
         others = [joint.name for joint in candidates if joint.name in motors and motors[joint.name] not in reserved]
     else:
@@ -201,7 +201,7 @@ def _following(system: System, joints: Sequence[Joint], key: str) -> list[Fault]
     ]
 
 
-def _motors(system: System) -> dict[str, int]:
+def motors_of_joints(system: System) -> dict[str, int]:
     """Id of the motor of each hinge or slide joint of the robot, by joint name."""
     model = system.mj
     motors = {}

@@ -12,7 +12,7 @@ import os
 import posixpath
 import re
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -174,13 +174,18 @@ def _complete_urdf(spec: Any, *, floats: bool) -> None:
             motor.set_to_motor()
 
 
+def unused(wanted: str, taken: Container[str]) -> str:
+    """A name that is not taken yet: the one that is wanted, or else with a number from 2 on."""
+    return next(name for name in chain((wanted,), (f"{wanted}_{i}" for i in count(2))) if name not in taken)
+
+
 def _name_all(spec: Any) -> None:
     """Give each element without a name one derived from its parent: logs, scenarios and messages refer to names."""
     used = {element.name for kind in ("bodies", "joints", "geoms", "sites", "actuators") for element in getattr(spec, kind)}
 
     def name(element: Any, wanted: str) -> None:
         if not element.name:
-            element.name = next(n for n in chain((wanted,), (f"{wanted}_{i}" for i in count(2))) if n not in used)
+            element.name = unused(wanted, used)
             used.add(element.name)
 
     for body in spec.bodies[1:]:  # the first is the world

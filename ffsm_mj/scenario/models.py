@@ -38,7 +38,7 @@ from ffsm_mj.model.inline import InlineModel, inline_model
 from ffsm_mj.model.mujoco_process import collected_warnings
 from ffsm_mj.model.one_file import moving_roots
 from ffsm_mj.model.properties import Pose, UnitQuaternion
-from ffsm_mj.model.source import load_spec
+from ffsm_mj.model.source import load_spec, unused
 from ffsm_mj.scenario.faults import KindNames, plain_faults
 from ffsm_mj.scenario.source import YamlSource
 
@@ -298,10 +298,7 @@ def _object_names(roots: list[str], robot: str) -> Iterator[tuple[str, str]]:
     used = set(_RESERVED)
     for body in roots:
         if body != robot:
-            plain = re.sub(r"[^A-Za-z0-9_-]", "_", body)
-            name = next(
-                candidate for candidate in (plain, *(f"{plain}_{i}" for i in range(2, 10_000))) if candidate not in used
-            )
+            name = unused(re.sub(r"[^A-Za-z0-9_-]", "_", body), used)
             used.add(name)
             yield body, name
 

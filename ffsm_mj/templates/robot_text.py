@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
+from ffsm_mj.model.source import unused
 from ffsm_mj.templates.vendor import Vendor
 from ffsm_mj.yaml import write_flow
 
@@ -111,12 +112,12 @@ def model_text(name: str, vendor: Vendor, base: Base | None, file: str) -> str:
 
 
 def _base_text(base: Base, attached: str, vendor: Vendor) -> str:
-    bus, hull = unused("bus", vendor), unused("bus_hull", vendor)
+    bus, hull = unused("bus", vendor.names), unused("bus_hull", vendor.names)
     inertia, half = (" ".join(f"{value:g}" for value in values) for values in (base.inertia, base.halves))
     return "\n".join(
         [
             f'    <body name="{bus}">',
-            f'      <freejoint name="{unused("bus_free", vendor)}"/>',
+            f'      <freejoint name="{unused("bus_free", vendor.names)}"/>',
             "      <!-- A cuboid of uniform density: mass in kg, moments of inertia in kg m^2. -->",
             f'      <inertial pos="0 0 0" mass="{base.mass:g}" diaginertia="{inertia}"/>',
             f'      <geom name="{hull}" type="box" size="{half}" mass="0"/>',
@@ -132,12 +133,7 @@ def _base_text(base: Base, attached: str, vendor: Vendor) -> str:
 def motor_text(joint: str, most: float | None, vendor: Vendor) -> str:
     """The motor of a joint, within its greatest effort if there is one."""
     limits = "" if most is None else f' ctrllimited="true" ctrlrange="{-most:g} {most:g}"'
-    return f"    <motor name={quoteattr(unused(f'{joint}_motor', vendor))} joint={quoteattr(joint)}{limits}/>"
-
-
-def unused(wanted: str, vendor: Vendor) -> str:
-    """A name that the robot's file does not have."""
-    return next(name for name in (wanted, *(f"{wanted}_{i}" for i in range(2, 9999))) if name not in vendor.names)
+    return f"    <motor name={quoteattr(unused(f'{joint}_motor', vendor.names))} joint={quoteattr(joint)}{limits}/>"
 
 
 def ball_text(radius: float, mass: float) -> str:

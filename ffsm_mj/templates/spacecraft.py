@@ -19,13 +19,15 @@ from ffsm_mj.errors import InputError
 from ffsm_mj.invocation import command
 from ffsm_mj.model.actuators import servo_mask
 from ffsm_mj.model.composition import compile_system
+from ffsm_mj.model.driven_joints import motors_of_joints
 from ffsm_mj.model.files import ModelFiles, read_model
+from ffsm_mj.model.source import unused
 from ffsm_mj.model.system import System
 from ffsm_mj.templates.layout import Authority, authority, jets, wheel_axes
 from ffsm_mj.templates.mission import APPROACH_S, CLOSE_IN_S, MOVING_S, STAND_OFF_S, Arm, GraspPlan, find_arm, plan_grasp
 from ffsm_mj.templates.pose import find_tip, posed, starting_pose
 from ffsm_mj.templates.robot import cuboid, digits, new_files, outside, placed, relative, removed_after
-from ffsm_mj.templates.robot_text import Places, rounded, unused
+from ffsm_mj.templates.robot_text import Places, rounded
 from ffsm_mj.templates.spacecraft_text import Craft, Mission, mission_text, spacecraft_text, target_text
 from ffsm_mj.templates.vendor import Vendor, needed_strips, read_vendor
 
@@ -151,7 +153,7 @@ def _craft(asked: SpacecraftRequest, vendor: Vendor, axes: Sequence[Any], layout
     wheel_mass = rounded(_WHEEL_PER_BUS * mass, 2)
     whole = cuboid(mass, asked.bus_size)
     names = [
-        [unused(f"{kind}_{i}", vendor) for i in range(1, count + 1)]
+        [unused(f"{kind}_{i}", vendor.names) for i in range(1, count + 1)]
         for kind, count in (("wheel", len(axes)), ("jet", len(layout)))
     ]
     return Craft(
@@ -165,9 +167,9 @@ def _craft(asked: SpacecraftRequest, vendor: Vendor, axes: Sequence[Any], layout
         jets=layout,
         jet=names[1],
         force=rounded(_FORCE_PER_KG * mass, 2),
-        bus=unused("bus", vendor),
-        free=unused("bus_free", vendor),
-        unit=unused("imu", vendor),
+        bus=unused("bus", vendor.names),
+        free=unused("bus_free", vendor.names),
+        unit=unused("imu", vendor.names),
     )
 
 
@@ -217,7 +219,7 @@ def _unfit(system: System, data: Any, arm: Arm) -> dict[str, str]:
         unfit["frictionloss"] = f"dry friction of {names}, which the law 'track' does not know"
     decay = JointSprings(system.mj).fastest(system.mj, data)[1]
     if decay.rate * _TIME_STEP_S > _FASTEST_DECAY:
-        joint = next(joint.name for joint in system.joints.values() if joint.dofs.start <= decay.dof < joint.dofs.stop)
+        joint = system.mj.joint(int(system.mj.dof_jntid[decay.dof])).name
         unfit["damping"] = (
             f"damping, by which {_short(system, 'joint', joint)!r} decays in {1e3 / decay.rate:.2g} ms, "
             f"far less than a step of {1e3 * _TIME_STEP_S:g} ms"
@@ -247,10 +249,10 @@ def _mission(
     quaternion = np.empty(4)
     mujoco.mju_mat2Quat(quaternion, arm.axes.ravel())
     grasped = model.body(system.objects[0].root).name.split("/", 1)[1]
+    sites = {name.split("/", 1)[1] for name in system.names("site")}
     servos = [model.actuator(a).name for a in arm.actuators if servo_mask(model)[a]]
-    moved = [model.joint(int(j)).name for j in _joints_with_motors(system)]
     wheels = {f"robot/{wheel}" for wheel in craft.wheel}
-    fingers = [name for name in moved if name not in arm.joints and name not in wheels]
+    fingers = [name for name in motors_of_joints(system) if name not in arm.joints and name not in wheels]
     return Mission(
         joints=[_short(system, "joint", name) for name in arm.joints],
         servos=[_short(system, "actuator", name) for name in servos],
@@ -260,12 +262,12 @@ def _mission(
             for joint in system.robot.joints
             if joint.kind in ("hinge", "slide") and joint.name not in wheels
         },
-        tool=(_unused_site(system, "tool"), body, digits(arm.place, 6), digits(quaternion, 9)),
+        tool=(unused("tool", sites), body, digits(arm.place, 6), digits(quaternion, 9)),
         target=places,
         target_strip=target_strip,
         free=_short(system, "joint", system.objects[0].joints[0].name),
         grapple=(
-            _unused_site(system, "grapple"),
+            unused("grapple", sites),
             grasped,
             digits(capture.grapple.origin, 6),
             digits(capture.grapple.quaternion, 9),
@@ -286,19 +288,6 @@ def _mission(
         inertia=float(np.linalg.eigvalsh(inertia[base, base][3:, 3:])[-1]),
         scale=min(1.0, capture.way / _USUAL_WAY_M),
     )
-
-
-def _joints_with_motors(system: System) -> list[int]:
-    """Joints of the robot that plain motors drive."""
-    model = system.mj
-    plain = (model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)) & ~servo_mask(model)
-    ours = {model.joint(joint.name).id for joint in system.robot.joints}
-    return [j for j in model.actuator_trnid[plain, 0].tolist() if j in ours]
-
-
-def _unused_site(system: System, wanted: str) -> str:
-    names = {name.split("/", 1)[1] for name in system.names("site")}
-    return next(name for name in (wanted, *(f"{wanted}_{i}" for i in range(2, 999))) if name not in names)
 
 
 def _authority(system: System, data: Any, craft: Craft) -> Authority:

@@ -6,8 +6,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from xml.sax.saxutils import quoteattr
 
+from ffsm_mj.model.source import unused
 from ffsm_mj.templates.layout import Jet
-from ffsm_mj.templates.robot_text import Base, Places, flow, motor_text, rounded, unused
+from ffsm_mj.templates.robot_text import Base, Places, flow, motor_text, rounded
 from ffsm_mj.templates.vendor import Vendor
 from ffsm_mj.yaml import write_flow
 
@@ -106,7 +107,7 @@ class Mission:
 def spacecraft_text(name: str, vendor: Vendor, craft: Craft, file: str) -> str:
     """MJCF of the spacecraft: bus, wheels and thrusters, with the vendor's file attached."""
     half, inertia = (" ".join(f"{value:g}" for value in values) for values in (craft.base.halves, craft.base.inertia))
-    hull = unused(f"{craft.bus}_hull", vendor)
+    hull = unused(f"{craft.bus}_hull", vendor.names)
     top, body = craft.base.halves[2], f" body={quoteattr(vendor.root)}" if vendor.root else ""
     rows: list[Row] = [
         (f"<mujoco model={quoteattr(name)}>", "a spacecraft with an arm; angles in degrees"),
