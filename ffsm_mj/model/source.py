@@ -174,9 +174,9 @@ def _complete_urdf(spec: Any, *, floats: bool) -> None:
             motor.set_to_motor()
 
 
-def unused(wanted: str, taken: Container[str]) -> str:
-    """A name that is not taken yet: the one that is wanted, or else with a number from 2 on."""
-    return next(name for name in chain((wanted,), (f"{wanted}_{i}" for i in count(2))) if name not in taken)
+def unused(wanted: str, used: Container[str]) -> str:
+    """A name that is not used yet: the one that is wanted, or else with a number from 2 on."""
+    return next(name for name in chain((wanted,), (f"{wanted}_{i}" for i in count(2))) if name not in used)
 
 
 def _name_all(spec: Any) -> None:
