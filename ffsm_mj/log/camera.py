@@ -11,7 +11,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.dynamics.rigid_body import rotation_matrix
-from ffsm_mj.log.drawing import box_corners, colour_of, geoms_to_draw, marker_scale
+from ffsm_mj.log.drawing import box_points, colour_of, geoms_to_draw, marker_scale
 from ffsm_mj.model.system import System
 
 
@@ -55,14 +55,6 @@ def aimed(points: FloatArray, back: FloatArray, half_view: tuple[float, float]) 
         middle = 0.5 * (flat.min(axis=0) + flat.max(axis=0)) * distance
         centre = centre + middle @ view[:2]
     return centre + distance * back, centre
-
-
-def direction(chosen: Iterable[float]) -> FloatArray:
-    """Unit vector of the ``view`` of a scenario, tilted a little if it is vertical."""
-    back = _unit(chosen)
-    if np.hypot(back[0], back[1]) < _STEEPEST:
-        back[:2] = 0.0, -_STEEPEST
-    return _unit(back)
 
 
 _SHARES = np.array(list(product((-0.6, 0.0, 0.6), repeat=3)))
@@ -136,16 +128,12 @@ class SeenScene:
             outside.append(float(np.linalg.norm(np.maximum(np.abs(in_geom) - around[3:], 0.0))))
         return min(outside)
 
-    def _points(self, body: int) -> FloatArray:
-        """Points in the geoms of a body, (n, 3), m."""
-        model, (positions, quaternions) = self._system.mj, self._poses
-        points = [np.empty((0, 3))]
-        for geom in self._geoms(body):
-            around = model.geom_aabb[geom]
-            local = (around[:3] + _SHARES * around[3:]) @ rotation_matrix(model.geom_quat[geom]).T + model.geom_pos[geom]
-            points.append(local @ rotation_matrix(quaternions[body]).T + positions[body])
-        inside = np.vstack(points)
-        return inside[:: -(-len(inside) // _MOST_POINTS)] if len(inside) else inside
+    @cached_property
+    def _points(self) -> dict[int, FloatArray]:
+        """Points in the geoms of tip and base, (n, 3), m."""
+        bodies, model = {self.tip, self._system.robot.root}, self._system.mj
+        inside = {body: box_points(model, self._geoms(body), *self._poses, _SHARES) for body in bodies}
+        return {body: points[:: max(1, -(-len(points) // _MOST_POINTS))] for body, points in inside.items()}
 
     def first_hits(self, eye: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Where rays from the camera first meet a body, as a fraction of the way to each point, and its id; -1: none."""
@@ -167,8 +155,8 @@ class SeenScene:
         return float(np.mean(np.maximum(1.0 - before_m / self._near_m, 0.0)))
 
     def body_seen(self, eye: FloatArray, body: int) -> float:
-        """Share of the points of a body with no other body in front of them; 1 for a body without geoms."""
-        points = self._points(body)
+        """Share of the points of tip or base with no other body in front of them; 1 for a body without geoms."""
+        points = self._points[body]
         if not len(points):
             return 1.0
         fractions, bodies = self.first_hits(eye, points)
@@ -197,6 +185,30 @@ class SeenScene:
         return np.asarray(best[1] if best[0] > usual[0] + _CLEARLY else usual[1])
 
 
+def direction(
+    view: Iterable[float] | None,
+    posed: tuple[System, FloatArray, FloatArray],
+    contacts: FloatArray,
+    points: FloatArray,
+    half_view: tuple[float, float],
+) -> FloatArray:
+    """Direction from the scene to the camera, (3,): the ``view`` of a scenario, or without one that which shows most.
+
+    Args:
+        view: The view, tilted a little if it is vertical.
+        posed: Robot and objects with positions and orientations of their bodies, see :class:`SeenScene`.
+        contacts: Points of the first contact, (n, 3), m.
+        points: Points to keep in view, (n, 3), m.
+        half_view: Tangents of half the horizontal and vertical field of view.
+    """
+    if view is None:
+        return SeenScene(*posed, contacts).best(points, half_view)
+    back = _unit(view)
+    if np.hypot(back[0], back[1]) < _STEEPEST:
+        back[:2] = 0.0, -_STEEPEST
+    return _unit(back)
+
+
 def framed_points(system: System, positions: FloatArray, quaternions: FloatArray) -> FloatArray:
     """Corners of the boxes of the drawn geoms of moving bodies, (n, 3), m; else the origins of all bodies.
 
@@ -204,4 +216,4 @@ def framed_points(system: System, positions: FloatArray, quaternions: FloatArray
     """
     model, still = system.mj, {0, *system.fixed_bodies}
     geoms = [geom for geom in geoms_to_draw(model) if int(model.geom_bodyid[geom]) not in still]
-    return box_corners(model, geoms, positions, quaternions) if geoms else np.asarray(positions[1:])
+    return box_points(model, geoms, positions, quaternions) if geoms else np.asarray(positions[1:])

@@ -312,21 +312,24 @@ def _depth(model: Any, body: int) -> int:
 _SIGNS = np.array(list(product((-1.0, 1.0), repeat=3)))
 
 
-def box_corners(model: Any, geoms: Iterable[int], positions: FloatArray, quaternions: FloatArray) -> FloatArray:
-    """Corners of the bounding boxes of some geoms in world axes, (8 * number of geoms, 3), m.
+def box_points(
+    model: Any, geoms: Iterable[int], positions: FloatArray, quaternions: FloatArray, shares: FloatArray = _SIGNS
+) -> FloatArray:
+    """Points of the bounding boxes of some geoms in world axes, their corners if not stated, (n * number of geoms, 3), m.
 
     Args:
         model: MuJoCo model.
         geoms: Ids of the geoms.
         positions: World positions of all bodies, (nbody, 3), m.
         quaternions: World orientations of all bodies, wxyz, (nbody, 4).
+        shares: The points in each box, relative to its half sizes, (n, 3).
     """
-    corners = [np.empty((0, 3))]
+    points = [np.empty((0, 3))]
     for geom in geoms:
         body, around = int(model.geom_bodyid[geom]), model.geom_aabb[geom]
-        local = (around[:3] + _SIGNS * around[3:]) @ rotation_matrix(model.geom_quat[geom]).T + model.geom_pos[geom]
-        corners.append(local @ rotation_matrix(quaternions[body]).T + positions[body])
-    return np.vstack(corners)
+        local = (around[:3] + shares * around[3:]) @ rotation_matrix(model.geom_quat[geom]).T + model.geom_pos[geom]
+        points.append(local @ rotation_matrix(quaternions[body]).T + positions[body])
+    return np.vstack(points)
 
 
 NOMINAL_M = 10.0
@@ -345,7 +348,7 @@ def marker_scale(system: System) -> float:
     geoms = [geom for geom in geoms_to_draw(model) if int(model.geom_bodyid[geom]) in system.robot.bodies]
     if not geoms:
         return float(model.stat.extent) / NOMINAL_M
-    corners = box_corners(model, geoms, data.xpos, data.xquat)
+    corners = box_points(model, geoms, data.xpos, data.xquat)
     return float(np.linalg.norm(np.ptp(corners, axis=0))) / NOMINAL_M
 
 

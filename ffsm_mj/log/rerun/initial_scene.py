@@ -13,7 +13,7 @@ import rerun.blueprint as rrb
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.dynamics.reach import Reach
 from ffsm_mj.errors import LogWriteError
-from ffsm_mj.log.camera import SeenScene, direction, framed_points
+from ffsm_mj.log.camera import direction, framed_points
 from ffsm_mj.log.drawing import (
     CheckedPair,
     DrawnShape,
@@ -96,9 +96,7 @@ def _framing(scene: InitialScene) -> Framing:
     """View of the moving bodies and the targets, from where most of tip and base is seen."""
     posed = scene.system, scene.data.xpos, scene.data.xquat
     points = np.vstack((framed_points(*posed), *(target.point_m for target in scene.targets)))
-    if scene.view is not None:
-        return Framing(points, half_view=UPRIGHT_VIEW, back=direction(scene.view))
-    back = SeenScene(*posed, np.empty((0, 3))).best(points, UPRIGHT_VIEW)
+    back = direction(scene.view, posed, np.empty((0, 3)), points, UPRIGHT_VIEW)
     return Framing(points, half_view=UPRIGHT_VIEW, back=back)
 
 

@@ -13,7 +13,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.log.camera import USUAL, SeenScene, aimed, direction, framed_points
+from ffsm_mj.log.camera import USUAL, aimed, direction, framed_points
 from ffsm_mj.log.drawing import Frames, View, camera_path, robot_boxes
 from ffsm_mj.log.markers import SHOWN_S
 from ffsm_mj.log.palette import AXES
@@ -322,30 +322,17 @@ class Opening:
         path = camera_path(times[:, 0], boxes, self.first_s or 0.0, view)
         return None if path is None else np.hstack((times, path))
 
-    def points(self, more: FloatArray) -> FloatArray:
-        """Points to keep in view at the first event, or else at the start, in world axes, (n, 3), m.
-
-        These are the marks and the corners of the moving bodies; fixed bodies may be large and are left out.
-
-        Args:
-            more: Additional points, (n, 3), m.
-        """
-        assert self._pose is not None, "add_frames comes first"
-        drawn = np.array(self._points).reshape(-1, 3)
-        return np.vstack((framed_points(self._system, *self._pose), more, drawn))
-
     def framing(self, more: FloatArray, view: Sequence[float] | None) -> Framing:
-        """View of the first event, or else of the start.
+        """View of the marks and the moving bodies at the first event, or else at the start.
 
         Args:
             more: Additional points to keep in view, (n, 3), m.
             view: Direction towards the camera; None: the one that shows most.
         """
         assert self._pose is not None, "add_frames comes first"
-        points, contacts = self.points(more), np.array(self._points).reshape(-1, 3)
-        if view is not None:
-            return Framing(points, back=direction(view))
-        return Framing(points, back=SeenScene(self._system, *self._pose, contacts).best(points, WIDE_VIEW))
+        posed, contacts = (self._system, *self._pose), np.array(self._points).reshape(-1, 3)
+        points = np.vstack((framed_points(*posed), more, contacts))
+        return Framing(points, back=direction(view, posed, contacts, points, WIDE_VIEW))
 
 
 _GRID = [90, 98, 112, 110]

@@ -17,7 +17,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.dynamics.rigid_body import rotation_matrix
 from ffsm_mj.errors import one_line
 from ffsm_mj.log import palette
-from ffsm_mj.log.camera import SeenScene, aimed, direction, framed_points
+from ffsm_mj.log.camera import aimed, direction, framed_points
 from ffsm_mj.log.drawing import DrawnShape, Frames, camera_path, marker_scale, robot_boxes, shapes
 from ffsm_mj.log.markers import (
     LVLH_ARROWS,
@@ -260,12 +260,10 @@ def _first_points(marks: list[DrawnMark]) -> FloatArray:
 
 def _back(subject: Subject, poses: Poses, marks: list[DrawnMark], points: FloatArray) -> FloatArray:
     """Direction from the scene to the camera: that of the scenario, or the one that shows most at the first mark."""
-    view = logged_scenario(subject.run.log).view
-    if view is not None:
-        return direction(view)
-    first, contacts = _first_pose(poses, marks), _first_points(marks)
-    positions, contacts = (single(part).astype(np.float64) for part in (poses.positions[first], contacts))
-    return SeenScene(subject.system, positions, poses.quaternions[first], contacts).best(points, _HALF_VIEW)
+    first = _first_pose(poses, marks)
+    positions, contacts = (single(part).astype(np.float64) for part in (poses.positions[first], _first_points(marks)))
+    posed = subject.system, positions, poses.quaternions[first]
+    return direction(logged_scenario(subject.run.log).view, posed, contacts, points, _HALF_VIEW)
 
 
 def _others(subject: Subject, poses: Poses, marks: list[DrawnMark], scale: float) -> Iterator[Any]:
