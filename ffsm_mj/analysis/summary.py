@@ -14,7 +14,7 @@ from ffsm_mj.analysis.digest import Digest, TipDigest
 from ffsm_mj.analysis.intervals import ContactInterval, GraspInterval
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.grasp.records import GRASP
-from ffsm_mj.errors import one_line
+from ffsm_mj.errors import one_line, plural
 from ffsm_mj.records.events import ImpactRecord, impact_count
 from ffsm_mj.records.kinds import all_fields
 from ffsm_mj.records.metadata import is_conservative, logged_models, logged_start_s, logged_task
@@ -165,7 +165,8 @@ def card_text(log: RunLog, digest: Digest | None, checks: Sequence[Check]) -> st
     """
     hits = impact_count(log.impacts)
     contacts = digest.contacts.intervals() if digest is not None else ()
-    counts = [_counted(hits, "impact"), *([_counted(len(contacts), "persistent contact")] if contacts else [])]
+    counts = [plural(hits, "impact") if hits else "no impact"]
+    counts += [plural(len(contacts), "persistent contact")] if contacts else []
     line = f"<Run {log.header.scenario_name}: {'; '.join((_outcome(log), *counts, _checks(log, digest, checks)))}"
     tip = _tip(digest)
     return "\n  ".join(map(one_line, [line, f"tip {tip}"] if tip else [line])) + ">"
@@ -205,10 +206,6 @@ def _escaped(text: str) -> str:
     return html.escape(one_line(text))
 
 
-def _counted(number: int, word: str) -> str:
-    return f"{number or 'no'} {word}{'s' if number > 1 else ''}"
-
-
 def _outcome(log: RunLog) -> str:
     ended = log.outcome
     if ended is None:
@@ -219,8 +216,7 @@ def _outcome(log: RunLog) -> str:
 
 def _impacts(records: tuple[ImpactRecord, ...]) -> list[str]:
     lines = [f"{r.time_s:.6f} s: {r.geoms[0]} on {r.geoms[1]}, {r.impulse_N_s:.4g} N s" for r in records[:_SHOWN]]
-    more = len(records) - len(lines)
-    return [*lines, f"and {_counted(more, 'more contact')}"] if more else lines
+    return [*lines, *_more(records, "contact")]
 
 
 def _contacts(contacts: tuple[ContactInterval, ...]) -> list[str]:
@@ -230,8 +226,7 @@ def _contacts(contacts: tuple[ContactInterval, ...]) -> list[str]:
         force = f"{one.impulse_N_s:.4g} N s, up to {one.peak_force_N:.4g} N"
         force += f", slip {one.slip_m:.4g} m" if one.slip_m else ""
         lines.append(f"{one.start_s:.6f} s {until}: {one.rule}, {force}")
-    more = len(contacts) - len(lines)
-    return [*lines, f"and {_counted(more, 'more contact')}"] if more else lines
+    return [*lines, *_more(contacts, "contact")]
 
 
 def _grasps(grasps: tuple[GraspInterval, ...]) -> list[str]:
@@ -239,8 +234,12 @@ def _grasps(grasps: tuple[GraspInterval, ...]) -> list[str]:
     for one in grasps[:_SHOWN]:
         until = "to the end" if one.release_s is None else f"to {one.release_s:.6f} s"
         lines.append(f"{one.time_s:.6f} s {until}: {one.grasp}, {math.hypot(*one.impulse):.4g} N s at closing")
-    more = len(grasps) - len(lines)
-    return [*lines, f"and {_counted(more, 'more grasp')}"] if more else lines
+    return [*lines, *_more(grasps, "grasp")]
+
+
+def _more(shown: Sequence[Any], word: str) -> list[str]:
+    more = len(shown) - _SHOWN
+    return [f"and {plural(more, f'more {word}')}"] if more > 0 else []
 
 
 def _checks(log: RunLog, digest: Digest | None, checks: Sequence[Check]) -> str:

@@ -18,7 +18,7 @@ from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
 from ffsm_mj.dynamics.loops.equalities import equalities_of
 from ffsm_mj.dynamics.loops.latch import LatchedBodies
 from ffsm_mj.dynamics.rigid_body import mass_matrix
-from ffsm_mj.errors import Fault, Faults, ScenarioFaults
+from ffsm_mj.errors import Fault, Faults, ScenarioFaults, plural
 from ffsm_mj.model.mujoco_process import collected_warnings
 from ffsm_mj.model.system import Joint, System
 from ffsm_mj.scenario.scenario import JointValue, ScenarioConfig
@@ -359,7 +359,7 @@ def _set_joint(joint: Joint, key: str, value: JointValue, target: Any) -> str:
     numbers = np.atleast_1d(np.asarray(value, dtype=np.float64))
     size = part.stop - part.start
     if len(numbers) != size:
-        return f"{joint.kind} joint {joint.name} takes {size} number{'s' if size > 1 else ''}, got {len(numbers)}"
+        return f"{joint.kind} joint {joint.name} takes {plural(size, 'number')}, got {len(numbers)}"
     if np.any(np.abs(numbers) > _HUGE):
         return f"must stay below {_HUGE:g}, the largest value that MuJoCo takes for a state"
     if key == "joints" and joint.kind in ("free", "ball"):

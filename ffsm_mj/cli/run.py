@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from ffsm_mj.cli.exit_codes import BAD_INPUT, CHECK_FAILED, INTERRUPTED, OK, RUN_FAILED, TRUNCATED
 from ffsm_mj.cli.sensitivity import of_run
 from ffsm_mj.cli.standard_streams import Output, complain
-from ffsm_mj.errors import InputError
+from ffsm_mj.errors import InputError, plural
 from ffsm_mj.invocation import command
 from ffsm_mj.report.terminal import listed, wrapped
 
@@ -140,7 +140,7 @@ def _notes(notes: Sequence[str], options: argparse.Namespace) -> str:
     left = len(notes) - len(lines)
     if left:
         again = [word for text in options.overrides for word in ("-s", text)]
-        lines.append(f"and {left} more note{'s' * (left > 1)}: {command('check', options.scenario, *again)}")
+        lines.append(f"and {plural(left, 'more note')}: {command('check', options.scenario, *again)}")
     return "\n".join(lines)
 
 

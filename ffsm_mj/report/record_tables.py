@@ -211,7 +211,7 @@ def _lines(run: Run, kind: RecordKind, records: Sequence[Any], most: int) -> Ite
     if len(records) == 1:
         yield from sentences
         return
-    yield f"{_of_kind(kind, len(records))}"
+    yield _of_kind(kind, len(records))
     yield from (f"  {sentence}" for sentence in sentences)
     if len(records) > most:
         yield f"  and {len(records) - most} more: {export_command(run, kind.plural)}"
