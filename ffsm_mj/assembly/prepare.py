@@ -314,15 +314,13 @@ def warn_of_notes(prepared: PreparedRun) -> None:
 
     Where this package runs a scenario, as for a map of impacts, nobody has asked for its notes.
     """
-    frame = sys._getframe(1)
+    frame, level = sys._getframe(1), 2
     while frame.f_back is not None and Path(frame.f_code.co_filename).parent == Path(__file__).parent:
-        frame = frame.f_back
+        frame, level = frame.f_back, level + 1
     if Path(__file__).parents[1] in Path(frame.f_code.co_filename).parents:
         return
-    registry = frame.f_globals.setdefault("__warningregistry__", {})
     for note in prepared.notes():
-        place = frame.f_code.co_filename, frame.f_lineno, frame.f_globals.get("__name__"), registry
-        warnings.warn_explicit(f"{prepared.scenario.name}: {note}", ScenarioNote, *place)
+        warnings.warn(f"{prepared.scenario.name}: {note}", ScenarioNote, stacklevel=level)
 
 
 def uninterrupted(finished: Run) -> Run:
