@@ -81,14 +81,13 @@ class ProgressLine(rich.Progress, Progress):
         with suppress(OSError):
             for task in self.task_ids:
                 self.remove_task(task)
-            self._reported, pace = (0.0, total), Pace()
-            self._pace = pace
+            self._reported, self._pace = (0.0, total), Pace()
             self.add_task(one_line(name), visible=False, total=total, unit=unit, digits=1 if unit == "s" else 0, left="")
             self.start()
 
         def report(done: float, total: float) -> None:
             self._reported = done, total
-            pace.add(done)
+            self._pace.add(done)
 
         return report
 
