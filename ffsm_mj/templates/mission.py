@@ -40,8 +40,10 @@ _CLEAR, _TOUCHING_M = 0.08, 0.02
 _STAND_OFF_M = (0.03, 0.05, 0.08, 0.12, 0.2, 0.3)
 """Distances of the grapple from the surface of the target, m: the first one is taken at which the hand has room."""
 _STEPS, _CLOSE = 60, 1e-9
-MOVING_S, APPROACH_S, STAND_OFF_S, CLOSE_IN_S = 40.0, 50.0, 15.0, 10.0
-"""Times of the mission: of the bus on its way, of the approach with it, of waiting behind the grapple, and of the rest."""
+MOVING_S, APPROACH_S, STAND_OFF_S, CLOSE_IN_S, DETUMBLE_S = 40.0, 50.0, 15.0, 10.0, 30.0
+"""Times of the mission: of the bus on its way, of the approach with it, of waiting behind the grapple, of the way to it, and
+the longest one of detumbling."""
+DURATION_S = APPROACH_S + STAND_OFF_S + CLOSE_IN_S + DETUMBLE_S + 25.0
 WAY_M = 1.0
 """Way of the bus to the place of the capture."""
 _SPIN = np.array([0.012, 0.004, -0.006])

@@ -24,7 +24,7 @@ from ffsm_mj.model.files import ModelFiles, read_model
 from ffsm_mj.model.source import unused
 from ffsm_mj.model.system import System
 from ffsm_mj.templates.layout import Authority, authority, jets, wheel_axes
-from ffsm_mj.templates.mission import APPROACH_S, CLOSE_IN_S, MOVING_S, STAND_OFF_S, Arm, GraspPlan, find_arm, plan_grasp
+from ffsm_mj.templates.mission import APPROACH_S, DURATION_S, STAND_OFF_S, Arm, GraspPlan, find_arm, plan_grasp
 from ffsm_mj.templates.pose import find_tip, posed, starting_pose
 from ffsm_mj.templates.robot import cuboid, digits, new_files, outside, placed, relative, removed_after
 from ffsm_mj.templates.robot_text import Places, rounded
@@ -38,8 +38,6 @@ _MESHES = (".stl", ".obj", ".msh")
 _MODELS = (".xml", ".mjcf", ".urdf")
 _TIME_STEP_S = 0.01
 _CONTROL_PERIOD_S = 0.02
-_DETUMBLE_S, _REST_S = 30.0, 25.0
-_USUAL_WAY_M = 0.15
 _WHEEL_PER_BUS = 0.01
 _WHEEL_RAD_S = 600.0  # some 5700 rpm
 _STORED_PER_KG, _TORQUE_PER_KG = 0.024, 0.004
@@ -280,13 +278,8 @@ def _mission(
         way=capture.way,
         turns=capture.turns,
         damping=rounded(min(_MOST_DAMPED / fastest, _MOST_DAMPING), 2),
-        approach_s=(MOVING_S, APPROACH_S),
-        stand_off_s=STAND_OFF_S,
-        detumble_s=_DETUMBLE_S,
-        duration_s=APPROACH_S + STAND_OFF_S + CLOSE_IN_S + _DETUMBLE_S + _REST_S,
         mass=float(inertia[base, base][0, 0]),
         inertia=float(np.linalg.eigvalsh(inertia[base, base][3:, 3:])[-1]),
-        scale=min(1.0, capture.way / _USUAL_WAY_M),
     )
 
 
@@ -319,5 +312,5 @@ def _described(craft: Craft, system: System, data: Any, mission: Mission) -> lis
         f"arm: {', '.join(mission.joints)}; tool on body {mission.tool[1]!r}"
         + ("" if mission.turns else "; it cannot turn the tool every way, so the grasp closes at any angle"),
         f"target: {weight:.4g} kg, grasped at {mission.grapple[2]} m of body {mission.grapple[1]!r}",
-        f"mission: {APPROACH_S:g} s of approach, {STAND_OFF_S:g} s of stand-off, capture, rest; {mission.duration_s:g} s",
+        f"mission: {APPROACH_S:g} s of approach, {STAND_OFF_S:g} s of stand-off, capture, rest; {DURATION_S:g} s",
     ]

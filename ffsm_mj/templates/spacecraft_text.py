@@ -8,6 +8,7 @@ from xml.sax.saxutils import quoteattr
 
 from ffsm_mj.model.source import unused
 from ffsm_mj.templates.layout import Jet
+from ffsm_mj.templates.mission import APPROACH_S, DETUMBLE_S, DURATION_S, MOVING_S, STAND_OFF_S
 from ffsm_mj.templates.robot_text import Base, Places, flow, motor_text, rounded
 from ffsm_mj.templates.vendor import Vendor
 from ffsm_mj.yaml import write_flow
@@ -15,6 +16,8 @@ from ffsm_mj.yaml import write_flow
 _COLUMN, _WIDEST = 44, 124
 """Where comments begin, and lines that are longer have theirs above them."""
 _LOOK = 'mass="0" contype="0" conaffinity="0" group="1" rgba="0.13 0.22 0.45 1"'
+_USUAL_WAY_M = 0.15
+"""Of an arm with a reach of 1 m, from the tool to the grapple while it waits."""
 
 Row = tuple[str, str]
 """A line, and its comment."""
@@ -57,7 +60,7 @@ class Craft:
 
 @dataclass(frozen=True)
 class Mission:
-    """What the scenario says of arm, target and times.
+    """What the scenario says of arm and target.
 
     Attributes:
         joints: Driven joints of the arm.
@@ -73,13 +76,8 @@ class Mission:
         way: From the tool to the grapple while the arm waits, m.
         turns: Whether the arm turns its tool every way.
         damping: Of motions of the arm that the tool does not feel, N m s/rad.
-        approach_s: Duration of the approach, and of its motion.
-        stand_off_s: Duration of the stand-off.
-        detumble_s: Longest duration of detumbling.
-        duration_s: Of the mission.
         mass: Of bus, robot and wheels, kg.
         inertia: Of the bus, kg m^2.
-        scale: Of lengths of the arm, 1 for a reach of 1 m.
     """
 
     joints: Sequence[str]
@@ -95,13 +93,8 @@ class Mission:
     way: float
     turns: bool
     damping: float
-    approach_s: tuple[float, float]
-    stand_off_s: float
-    detumble_s: float
-    duration_s: float
     mass: float
     inertia: float
-    scale: float
 
 
 def spacecraft_text(name: str, vendor: Vendor, craft: Craft, file: str) -> str:
@@ -211,7 +204,7 @@ def mission_text(name: str, robot: str, strip: Sequence[str], craft: Craft, miss
     """The scenario: what there is, how it begins, and the phases of the mission."""
     rows: list[Row] = [
         (f"name: {write_flow(name)}", "of runs and reports"),
-        (f"duration_s: {mission.duration_s:.1f}", "the run ends here"),
+        (f"duration_s: {DURATION_S:.1f}", "the run ends here"),
         ("time_step_s: 0.01", "step of the integrator"),
         ("accuracy: 1e-9", "steps that are too long for this accuracy are divided"),
         ("control_period_s: 0.02", "the laws of the phases decide this often"),
@@ -242,8 +235,7 @@ def _model_rows(strip: Sequence[str], mission: Mission, places: Places) -> list[
     return [
         ("robot:", "the spacecraft"),
         (f"  mjcf: {write_flow(places.model)}", "bus, wheels and thrusters, with the arm attached"),
-        *_path_rows("  ", places),
-        *_strip_rows("  ", strip),
+        *_file_rows("  ", places, strip),
         ("  sites:", "added to the robot"),
         (
             f"    {tool}: {{body: {write_flow(body)}, pos_m: {flow(place)}, quaternion: {flow(turn)}}}",
@@ -252,8 +244,7 @@ def _model_rows(strip: Sequence[str], mission: Mission, places: Places) -> list[
         ("objects:", "what else floats"),
         ("  target:", "what is captured"),
         (f"    mjcf: {write_flow(mission.target.model)}", "its file"),
-        *_path_rows("    ", mission.target),
-        *_strip_rows("    ", mission.target_strip),
+        *_file_rows("    ", mission.target, mission.target_strip),
         ("    sites:", "added to the target"),
         (
             f"      {grapple}: {{body: {write_flow(holder)}, pos_m: {flow(at)}, quaternion: {flow(turned)}}}",
@@ -266,26 +257,13 @@ def _model_rows(strip: Sequence[str], mission: Mission, places: Places) -> list[
     ]
 
 
-def _strip_rows(indent: str, strip: Sequence[str]) -> list[Row]:
-    return (
-        [
-            (
-                f"{indent}strip: {flow(strip)}",
-                "removed before compilation; docs/own-spacecraft.md says why",
-            )
-        ]
-        if strip
-        else []
+def _file_rows(indent: str, places: Places, strip: Sequence[str]) -> list[Row]:
+    keys = (
+        ("asset_folders", places.folders, "folders of its files; no others are read"),
+        ("package_paths", places.packages, "packages that a URDF names"),
+        ("strip", strip, "removed before compilation; docs/own-spacecraft.md says why"),
     )
-
-
-def _path_rows(indent: str, places: Places) -> list[Row]:
-    rows = []
-    if places.folders:
-        rows.append((f"{indent}asset_folders: {flow(places.folders)}", "folders of its files; no others are read"))
-    if places.packages:
-        rows.append((f"{indent}package_paths: {flow(places.packages)}", "packages that a URDF names"))
-    return rows
+    return [(f"{indent}{key}: {flow(values)}", comment) for key, values, comment in keys if values]
 
 
 def _start_rows(craft: Craft, mission: Mission) -> list[Row]:
@@ -406,12 +384,11 @@ def _phase_rows(craft: Craft, mission: Mission) -> list[Row]:
 
 
 def _approach_rows(craft: Craft, mission: Mission, gains: _Gains) -> list[Row]:
-    moving, staying = mission.approach_s
-    there = f"waypoints: [{{at_s: {moving:g}, position_m: [0, 0, 0]}}]"
+    there = f"waypoints: [{{at_s: {MOVING_S:g}, position_m: [0, 0, 0]}}]"
     still = f"arm: &still {{kind: hold, joints: &arm {flow(mission.joints)}, bandwidth_rad_s: 2.0}}"
     return [
         ("  - name: approach", "the bus comes to the target, the arm waits"),
-        (f"    for_s: {staying:.1f}", "then the next phase begins"),
+        (f"    for_s: {APPROACH_S:.1f}", "then the next phase begins"),
         ("    controllers:", "a law for each part"),
         ("      base:", "the bus"),
         ("        kind: base_pd", "PD control of position and attitude, allocated to thrusters and wheels"),
@@ -427,14 +404,14 @@ def _approach_rows(craft: Craft, mission: Mission, gains: _Gains) -> list[Row]:
 
 
 def _follow_rows(mission: Mission, gains: _Gains) -> list[Row]:
-    most = rounded(0.06 * mission.scale, 2)
+    most = rounded(0.06 * min(1.0, mission.way / _USUAL_WAY_M), 2)
     turning = f"rotation: {{kp_N_m_rad: {gains.turn_kp:g}, kd_N_m_s_rad: {gains.turn_kd:g}}}"
     attitude = (
         [("        attitude: {kp_1_s2: 0.36, kd_1_s: 1.2, max_rate_rad_s: 0.12}", "likewise")] if mission.turns else []
     )
     return [
         ("  - name: stand_off", "the hand follows the grapple from a distance"),
-        (f"    for_s: {mission.stand_off_s:.1f}", "long enough to be at rest against it"),
+        (f"    for_s: {STAND_OFF_S:.1f}", "long enough to be at rest against it"),
         ("    controllers:", "a law for each part"),
         ("      arm: &follow", "hand and bus, by one law"),
         ("        kind: track", "computed torque on the tool"),
@@ -456,7 +433,7 @@ def _rest_rows(mission: Mission, gains: _Gains) -> list[Row]:
     return [
         ("  - name: detumble", "wheels take the angular momentum of both bodies"),
         ("    until: finished", "when that of bus and target is below the tolerance"),
-        (f"    for_s: {mission.detumble_s:.1f}", "or after this time"),
+        (f"    for_s: {DETUMBLE_S:.1f}", "or after this time"),
         ("    controller:", "one law for all"),
         ("      kind: detumble", "of what the grasp holds together"),
         ("      wheels: *wheels", "they take the momentum"),
