@@ -17,7 +17,8 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
-from ffsm_mj.errors import InputError
+from ffsm_mj.dynamics.rigid_body import rotation_matrix
+from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.model.system import System, ancestors, followers
 from ffsm_mj.templates.pose import Tip, outward, ray_distance
 
@@ -65,8 +66,7 @@ class Arm(NamedTuple):
         low: Ends of the ranges that are used, (n,).
         high: See ``low``.
         body: Body of the tool.
-        place: Place of the tool in its frame, m, (3,).
-        axes: Axes of the tool in its frame as columns, x out of the hand, (3, 3).
+        tool: The tool in its frame, x out of the hand.
     """
 
     joints: tuple[str, ...]
@@ -76,8 +76,7 @@ class Arm(NamedTuple):
     low: FloatArray
     high: FloatArray
     body: int
-    place: FloatArray
-    axes: FloatArray
+    tool: Pose
 
 
 class Pose(NamedTuple):
@@ -103,6 +102,10 @@ class Pose(NamedTuple):
         return quaternion
 
 
+def _of_body(data: Any, body: int) -> Pose:
+    return Pose(data.xpos[body].copy(), data.xmat[body].reshape(3, 3).copy())
+
+
 class Moment(NamedTuple):
     """State of the target at a time of the mission.
 
@@ -122,20 +125,16 @@ class GraspPlan(NamedTuple):
 
     Attributes:
         ready: Coordinates of the joints in which the arm waits, (n,).
-        grasping: Those at the capture, (n,).
         way: Distance between tool and grapple while it waits, m.
         turns: Whether the arm turns the tool every way, not only moves it.
-        tool: The tool at the capture, in the frame of the bus.
         grapple: The grapple in the frame of the target's root.
         bus: Place of the bus at the start, m, (3,).
         target: State of the target at the start.
     """
 
     ready: FloatArray
-    grasping: FloatArray
     way: float
     turns: bool
-    tool: Pose
     grapple: Pose
     bus: FloatArray
     target: Moment
@@ -183,8 +182,7 @@ def find_arm(system: System, data: Any, tip: Tip, *, at_end: bool) -> Arm:
         low + margin,
         high - margin,
         tip.body,
-        turned.T @ (place - data.xpos[tip.body]),
-        turned.T @ axes,
+        Pose(turned.T @ (place - data.xpos[tip.body]), turned.T @ axes),
     )
 
 
@@ -239,8 +237,7 @@ class Kinematics:
         data, arm = self.data, self.arm
         data.qpos[arm.qpos] = q
         mujoco.mj_kinematics(self.model, data)
-        body = Pose(data.xpos[arm.body].copy(), data.xmat[arm.body].reshape(3, 3).copy())
-        return body.of(Pose(arm.place, arm.axes))
+        return _of_body(data, arm.body).of(arm.tool)
 
     def jacobian(self, tool: Pose) -> FloatArray:
         """Rates of the tool by those of the joints at the pose last asked for, turns over a length, m, (6, n)."""
@@ -342,7 +339,7 @@ def plan_grasp(system: System, alone: System, data: Any, arm: Arm, top: float, g
             reached.at(ready)
             passing = min(min(clearance.at(seen)) for seen in _seen_from(bus, history)) - _PASSING_M
             if passing >= 0.0:
-                return GraspPlan(ready, grasping, way, rows == 6, tool, frame, bus, history[0])
+                return GraspPlan(ready, way, rows == 6, frame, bus, history[0])
             room[most] = passing
         best = max(best, room[most])
     where = f"site {grapple!r} of the target" if grapple else "a face of the target"
@@ -359,17 +356,13 @@ def _site_grapple(system: System, data: Any, name: str) -> list[Pose]:
     Raises:
         InputError: The target has no such site.
     """
-    from ffsm_mj.errors import unknown_name
-
     names = [full.removeprefix("target/") for full in system.names("site") if full.startswith("target/")]
     if name not in names:
         raise InputError(f"new: --grapple: {unknown_name('site of the target', name, names)}")
     model, root = system.mj, system.objects[0].root
     mujoco.mj_forward(model, data)
     site = model.site(f"target/{name}").id
-    frame = Pose(data.xpos[root].copy(), data.xmat[root].reshape(3, 3).copy()).inverse.of(
-        Pose(data.site_xpos[site].copy(), data.site_xmat[site].reshape(3, 3).copy())
-    )
+    frame = _of_body(data, root).inverse.of(Pose(data.site_xpos[site], data.site_xmat[site].reshape(3, 3)))
     centre = data.xmat[root].reshape(3, 3).T @ (data.subtree_com[root] - data.xpos[root])
     inwards = max(
         (s * frame.axes[:, k] for k in range(3) for s in (1.0, -1.0)), key=lambda x: float(x @ (centre - frame.origin))
@@ -387,8 +380,7 @@ def _face_grapples(system: System, data: Any) -> list[list[Pose]]:
     """
     model, root = system.mj, system.objects[0].root
     mujoco.mj_forward(model, data)
-    frame = Pose(data.xpos[root].copy(), data.xmat[root].reshape(3, 3).copy())
-    centre = data.subtree_com[root].copy()
+    frame, centre = _of_body(data, root), data.subtree_com[root].copy()
     solid = model.geom_contype | model.geom_conaffinity
     geoms = [g for g in range(model.ngeom) if model.geom_bodyid[g] in system.objects[0].bodies and solid[g]]
     if not geoms:
@@ -460,9 +452,7 @@ def _seen_from(start: FloatArray, history: list[Moment]) -> Iterator[Pose]:
     for moment in history:
         tau = min(moment.time_s / MOVING_S, 1.0)
         bus = start * (1.0 - tau**3 * (10.0 - 15.0 * tau + 6.0 * tau**2))
-        turn = np.empty(9)
-        mujoco.mju_quat2Mat(turn, moment.pose[3:])
-        yield Pose(moment.pose[:3] - bus, turn.reshape(3, 3))
+        yield Pose(moment.pose[:3] - bus, rotation_matrix(moment.pose[3:]))
 
 
 def motion_before(alone: System, at: Pose, spin: FloatArray) -> list[Moment]:

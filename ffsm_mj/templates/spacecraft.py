@@ -244,8 +244,6 @@ def _mission(
     mobility = np.linalg.inv(inertia)[np.ix_(arm.dofs, arm.dofs)]
     fastest = _CONTROL_PERIOD_S * float(np.linalg.eigvalsh(mobility)[-1])
     body = model.body(arm.body).name.split("/", 1)[1]
-    quaternion = np.empty(4)
-    mujoco.mju_mat2Quat(quaternion, arm.axes.ravel())
     grasped = model.body(system.objects[0].root).name.split("/", 1)[1]
     sites = {name.split("/", 1)[1] for name in system.names("site")}
     servos = [model.actuator(a).name for a in arm.actuators if servo_mask(model)[a]]
@@ -260,7 +258,7 @@ def _mission(
             for joint in system.robot.joints
             if joint.kind in ("hinge", "slide") and joint.name not in wheels
         },
-        tool=(unused("tool", sites), body, digits(arm.place, 6), digits(quaternion, 9)),
+        tool=(unused("tool", sites), body, digits(arm.tool.origin, 6), digits(arm.tool.quaternion, 9)),
         target=places,
         target_strip=target_strip,
         free=_short(system, "joint", system.objects[0].joints[0].name),
