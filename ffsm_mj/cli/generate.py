@@ -6,11 +6,15 @@ import argparse
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ffsm_mj.cli.exit_codes import OK
 from ffsm_mj.cli.progress import Stage
 from ffsm_mj.cli.standard_streams import Output
 from ffsm_mj.errors import InputError, working_on
+
+if TYPE_CHECKING:
+    from ffsm_mj.templates.robot import RobotRequest
 
 
 def new(options: argparse.Namespace, output: Output) -> int:
@@ -48,68 +52,51 @@ def _new_scene(options: argparse.Namespace, stage: Stage) -> list[str]:
 
 def _new_robot(options: argparse.Namespace, stage: Stage) -> list[str]:
     """Generate a scenario around a robot's file; returns what was written, as text."""
-    from ffsm_mj.templates.robot import TemplateRequest, write_scenario
+    from ffsm_mj.templates.robot import write_scenario
 
-    with _robot(options, stage) as file:
-        return write_scenario(
-            TemplateRequest(
-                name=options.name,
-                robot=file,
-                out=Path(options.out),
-                base=options.base is None,
-                base_mass=options.base_mass,
-                base_size=_edges(options.base_size),
-                root=options.root,
-                tip=options.tip,
-                packages=tuple(map(Path, options.package_path)),
-                decompose=options.decompose or "",
-            )
-        )
+    with _robot(options, stage) as asked:
+        return write_scenario(asked, on_base=options.base is None, decompose=options.decompose or "")
 
 
 def _new_spacecraft(options: argparse.Namespace, stage: Stage) -> list[str]:
     """Generate a spacecraft around an arm's file, and a mission; returns what was written, as text."""
-    from ffsm_mj.templates.spacecraft import SpacecraftRequest, write_spacecraft
+    from ffsm_mj.templates.spacecraft import TargetRequest, write_spacecraft
 
     if options.base or options.decompose:
         raise InputError(
             f"new: {'--base none' if options.base else '--decompose'} has no effect with --wheels or --thrusters"
         )
-    with _robot(options, stage) as file:
-        return write_spacecraft(
-            SpacecraftRequest(
-                name=options.name,
-                robot=file,
-                out=Path(options.out),
-                wheels=4 if options.wheels is None else options.wheels,
-                thrusters=12 if options.thrusters is None else options.thrusters,
-                target=Path(options.target) if options.target else None,
-                target_mass=options.target_mass,
-                grapple=options.grapple or "",
-                bus_mass=options.base_mass,
-                bus_size=_edges(options.base_size),
-                root=options.root,
-                tip=options.tip,
-                packages=tuple(map(Path, options.package_path)),
-            )
-        )
+    wheels = 4 if options.wheels is None else options.wheels
+    thrusters = 12 if options.thrusters is None else options.thrusters
+    target = Path(options.target) if options.target else None
+    with _robot(options, stage) as asked:
+        return write_spacecraft(asked, wheels, thrusters, TargetRequest(target, options.target_mass, options.grapple or ""))
 
 
 @contextmanager
-def _robot(options: argparse.Namespace, stage: Stage) -> Iterator[Path]:
-    """File of the robot, copied if it is one of MuJoCo Menagerie; errors of the file system name it.
+def _robot(options: argparse.Namespace, stage: Stage) -> Iterator[RobotRequest]:
+    """What is asked of the robot, whose file is copied if it is one of MuJoCo Menagerie; errors of the file system name it.
 
     Raises:
         InputError: None is given, or two are.
     """
-    from ffsm_mj.templates.robot import copied
+    from ffsm_mj.templates.robot import RobotRequest, copied
 
     if bool(options.robot) == bool(options.menagerie):
         raise InputError("new: give the robot by --robot FILE or by --menagerie NAME")
     robot = options.robot or options.menagerie
     with working_on(robot):
         stage(f"compile {robot}")
-        yield copied(options.menagerie, Path(options.out)) if options.menagerie else Path(robot)
+        yield RobotRequest(
+            name=options.name,
+            robot=copied(options.menagerie, Path(options.out)) if options.menagerie else Path(robot),
+            out=Path(options.out),
+            base_mass=options.base_mass,
+            base_size=_edges(options.base_size),
+            root=options.root,
+            tip=options.tip,
+            packages=tuple(map(Path, options.package_path)),
+        )
 
 
 def _edges(numbers: list[float] | None) -> tuple[float, ...]:

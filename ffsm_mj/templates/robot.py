@@ -49,36 +49,37 @@ _MOST_DAMPED = 0.5  # of an eigenvalue of dt M_c^-1 K_d, which is stable up to 2
 
 
 @dataclass(frozen=True)
-class TemplateRequest:
-    """What a scenario is asked for.
+class RobotRequest:
+    """What a scenario is asked for, of a robot.
 
     Attributes:
         name: Of the scenario and its files.
         robot: The robot's file.
         out: Folder to write to.
-        base: Whether a robot that does not float is mounted on a base; else the root of a URDF floats.
-        base_mass: kg; None: five times the robot's.
+        base_mass: Of the base, a spacecraft's wheels included, kg; None: five times the robot's, or 500 kg of a spacecraft.
         base_size: Its edges in m, (3,), or one for all, (1,); empty: those of a cube of a satellite's density.
         root: Body that the robot is with all below it; empty: the only one that moves.
         tip: Name of a site or body of the robot; empty: to be found.
         packages: Folders of the packages that a URDF names.
-        decompose: Method for meshes that are not convex; empty: they stay their hulls.
     """
 
     name: str
     robot: Path
     out: Path
-    base: bool = True
-    base_mass: float | None = None
-    base_size: tuple[float, ...] = ()
-    root: str = ""
-    tip: str = ""
-    packages: tuple[Path, ...] = ()
-    decompose: str = ""
+    base_mass: float | None
+    base_size: tuple[float, ...]
+    root: str
+    tip: str
+    packages: tuple[Path, ...]
 
 
-def write_scenario(asked: TemplateRequest) -> list[str]:
+def write_scenario(asked: RobotRequest, *, on_base: bool, decompose: str) -> list[str]:
     """Write a scenario, its robot and its ball; nothing is left of them where they would not do.
+
+    Args:
+        asked: The robot.
+        on_base: Whether a robot that does not float is mounted on a base; else the root of a URDF floats.
+        decompose: Method for meshes that are not convex; empty: they stay their hulls.
 
     Returns:
         Lines that tell what was written, and what of it was chosen.
@@ -88,28 +89,28 @@ def write_scenario(asked: TemplateRequest) -> list[str]:
     """
     name, (scenario, model, ball) = new_files(asked.name, asked.out, "_ball.xml")
     vendor = read_vendor(asked.robot, asked.packages, asked.root)
-    if vendor.floats and (asked.base_mass is not None or not asked.base):
-        option = "--base-mass" if asked.base else "--base"
+    if vendor.floats and (asked.base_mass is not None or not on_base):
+        option = "--base-mass" if on_base else "--base"
         raise InputError(f"new: {option}: {asked.robot} floats already, no base is added; leave it out")
-    if not asked.base and (asked.base_mass is not None or not vendor.urdf):
+    if not on_base and (asked.base_mass is not None or not vendor.urdf):
         wrong = (
             "has no mass; leave --base-mass out" if vendor.urdf else "is for a URDF; give the root of an MJCF a <freejoint/>"
         )
         raise InputError(f"new: --base none {wrong}")
-    mounted = asked.base and not vendor.floats
+    mounted = on_base and not vendor.floats
     base = cuboid(asked.base_mass or rounded(_BASE_PER_ROBOT * vendor.mass, 1), asked.base_size) if mounted else None
     asked.out.mkdir(parents=True, exist_ok=True)
     with removed_after(asked.robot, scenario, model, ball):
-        robot = model if asked.base else asked.robot  # the root of a URDF gets a free joint wherever it is read
-        if asked.base:
+        robot = model if on_base else asked.robot  # the root of a URDF gets a free joint wherever it is read
+        if on_base:
             model.write_text(model_text(name, vendor, base, relative(asked.robot, asked.out)), encoding="utf-8")
-        folders = outside(vendor.folder, asked.out) if asked.base else []
+        folders = outside(vendor.folder, asked.out) if on_base else []
         files = read_model(robot, folders, asked.packages)
         files = replace(files, strip=tuple(needed_strips(files)))
         decomposed = Decomposable((), ())
-        if asked.decompose:
+        if decompose:
             alone = compile_system(files, {}, time_step_s=TIME_STEP_S)
-            decomposed = decomposable(files, alone, "robot", asked.decompose, robot.parent)
+            decomposed = decomposable(files, alone, "robot", decompose, robot.parent)
         start = _start(files, ball, asked.tip)
         places = placed(asked.out, robot, folders, asked.packages)
         scenario.write_text(
@@ -119,7 +120,7 @@ def write_scenario(asked: TemplateRequest) -> list[str]:
     written = [path.name for path in (scenario, model, ball) if path.exists()]
     unmounted = (
         "the root of the robot floats; --base-mass KG mounts it on a base instead"
-        if not asked.base
+        if not on_base
         else ("none is added, the robot floats already")
     )
     return [

@@ -26,7 +26,7 @@ from ffsm_mj.model.system import System
 from ffsm_mj.templates.layout import Authority, authority, jets, wheel_axes
 from ffsm_mj.templates.mission import APPROACH_S, DURATION_S, STAND_OFF_S, Arm, GraspPlan, find_arm, plan_grasp
 from ffsm_mj.templates.pose import find_tip, posed, starting_pose
-from ffsm_mj.templates.robot import cuboid, digits, new_files, outside, placed, relative, removed_after
+from ffsm_mj.templates.robot import RobotRequest, cuboid, digits, new_files, outside, placed, relative, removed_after
 from ffsm_mj.templates.robot_text import Places, rounded
 from ffsm_mj.templates.spacecraft_text import Craft, Mission, mission_text, spacecraft_text, target_text
 from ffsm_mj.templates.vendor import Vendor, needed_strips, read_vendor
@@ -51,42 +51,28 @@ _FASTEST_DECAY = 0.5
 
 
 @dataclass(frozen=True)
-class SpacecraftRequest:
-    """What a spacecraft is asked for.
+class TargetRequest:
+    """What is to be captured.
 
     Attributes:
-        name: Of the scenario and its files.
-        robot: The arm's file.
-        out: Folder to write to.
-        wheels: Number of reaction wheels.
-        thrusters: Number of thrusters.
-        target: MJCF, URDF or mesh of what is captured; None: a cuboid.
-        target_mass: Of a cuboid or mesh, kg; None: a fifth of the bus.
-        grapple: Site of the target to grasp it at; empty: in front of a face.
-        bus_mass: With its wheels, kg; None: 500 kg.
-        bus_size: Its edges in m, (3,), or one for all, (1,); empty: those of a cube of a satellite's density.
-        root: Body that the arm is with all below it; empty: the only one that moves.
-        tip: Name of a site or body of the arm; empty: to be found.
-        packages: Folders of the packages that a URDF names.
+        file: MJCF, URDF or mesh; None: a cuboid.
+        mass: Of a cuboid or mesh, kg; None: a fifth of the bus.
+        grapple: Site to grasp it at; empty: in front of a face.
     """
 
-    name: str
-    robot: Path
-    out: Path
-    wheels: int
-    thrusters: int
-    target: Path | None = None
-    target_mass: float | None = None
-    grapple: str = ""
-    bus_mass: float | None = None
-    bus_size: tuple[float, ...] = ()
-    root: str = ""
-    tip: str = ""
-    packages: tuple[Path, ...] = ()
+    file: Path | None
+    mass: float | None
+    grapple: str
 
 
-def write_spacecraft(asked: SpacecraftRequest) -> list[str]:
+def write_spacecraft(asked: RobotRequest, wheels: int, thrusters: int, captured: TargetRequest) -> list[str]:
     """Write a spacecraft, its target and the scenario of a capture; nothing is left of them where they would not do.
+
+    Args:
+        asked: The arm and the bus.
+        wheels: Number of reaction wheels.
+        thrusters: Number of thrusters.
+        captured: What is captured.
 
     Returns:
         Lines that tell what was written, and what of it was chosen.
@@ -95,8 +81,8 @@ def write_spacecraft(asked: SpacecraftRequest) -> list[str]:
         InputError: An option that cannot be, a file that stands there or cannot be used, or a target out of reach.
     """
     name, (scenario, model, target_file) = new_files(asked.name, asked.out, "_target.xml")
-    _refuse_target(asked)
-    axes, layout = wheel_axes(asked.wheels), jets(asked.thrusters)
+    _refuse_target(captured)
+    axes, layout = wheel_axes(wheels), jets(thrusters)
     vendor = read_vendor(asked.robot, asked.packages, asked.root)
     if vendor.floats:
         raise InputError(f"new: --robot: {asked.robot} floats already; --wheels and --thrusters are for an arm on a new bus")
@@ -107,13 +93,13 @@ def write_spacecraft(asked: SpacecraftRequest) -> list[str]:
         folders = outside(vendor.folder, asked.out)
         files = read_model(model, folders, asked.packages)
         files = replace(files, strip=tuple(needed_strips(files)))
-        target, target_places = _target(asked, target_file)
+        target, target_places = _target(asked, captured, target_file)
         system, data, arm = _compiled(files, target, asked.tip)
         if unfit := _unfit(system, data, arm):
             files = replace(files, strip=(*files.strip, *unfit))
             system, data, arm = _compiled(files, target, asked.tip)
         alone = compile_system(target, {}, time_step_s=_TIME_STEP_S)
-        capture = plan_grasp(system, alone, data, arm, craft.base.halves[2], asked.grapple)
+        capture = plan_grasp(system, alone, data, arm, craft.base.halves[2], captured.grapple)
         mission = _mission(system, data, arm, capture, craft, target.strip, target_places)
         places = placed(asked.out, model, folders, asked.packages)
         scenario.write_text(mission_text(name, asked.robot.name, files.strip, craft, mission, places), encoding="utf-8")
@@ -127,29 +113,29 @@ def write_spacecraft(asked: SpacecraftRequest) -> list[str]:
     ]
 
 
-def _refuse_target(asked: SpacecraftRequest) -> None:
+def _refuse_target(asked: TargetRequest) -> None:
     """Refuse options of a target that do not fit each other.
 
     Raises:
         InputError: See there.
     """
-    ending = asked.target.suffix.lower() if asked.target is not None else ""
-    if asked.target is not None and ending not in (*_MESHES, *_MODELS):
+    ending = asked.file.suffix.lower() if asked.file is not None else ""
+    if asked.file is not None and ending not in (*_MESHES, *_MODELS):
         allowed = f"an MJCF or URDF ({', '.join(_MODELS)}) or a mesh ({', '.join(_MESHES)})"
-        raise InputError(f"new: --target: {asked.target} is neither {allowed}")
-    if asked.target is not None and not asked.target.is_file():
-        raise InputError(f"new: --target: no such file: {asked.target}")
-    if asked.target_mass is not None and ending in _MODELS:
-        raise InputError(f"new: --target-mass: {asked.target} has its masses; it is for a mesh or without --target")
+        raise InputError(f"new: --target: {asked.file} is neither {allowed}")
+    if asked.file is not None and not asked.file.is_file():
+        raise InputError(f"new: --target: no such file: {asked.file}")
+    if asked.mass is not None and ending in _MODELS:
+        raise InputError(f"new: --target-mass: {asked.file} has its masses; it is for a mesh or without --target")
     if asked.grapple and ending not in _MODELS:
         raise InputError("new: --grapple names a site of an MJCF or URDF given by --target")
 
 
-def _craft(asked: SpacecraftRequest, vendor: Vendor, axes: Sequence[Any], layout: Sequence[Any]) -> Craft:
+def _craft(asked: RobotRequest, vendor: Vendor, axes: Sequence[Any], layout: Sequence[Any]) -> Craft:
     """The bus and its actuators, scaled by its mass."""
-    mass = asked.bus_mass or _BUS_KG
+    mass = asked.base_mass or _BUS_KG
     wheel_mass = rounded(_WHEEL_PER_BUS * mass, 2)
-    whole = cuboid(mass, asked.bus_size)
+    whole = cuboid(mass, asked.base_size)
     names = [
         [unused(f"{kind}_{i}", vendor.names) for i in range(1, count + 1)]
         for kind, count in (("wheel", len(axes)), ("jet", len(layout)))
@@ -171,20 +157,20 @@ def _craft(asked: SpacecraftRequest, vendor: Vendor, axes: Sequence[Any], layout
     )
 
 
-def _target(asked: SpacecraftRequest, file: Path) -> tuple[ModelFiles, Places]:
+def _target(asked: RobotRequest, captured: TargetRequest, file: Path) -> tuple[ModelFiles, Places]:
     """Files of the target, and their paths in the scenario; a cuboid and the frame of a mesh are written.
 
     Raises:
         InputError: They cannot be used, or it does not float.
     """
-    if asked.target is not None and asked.target.suffix.lower() in _MODELS:
-        files = read_model(asked.target, (), asked.packages)
+    if captured.file is not None and captured.file.suffix.lower() in _MODELS:
+        files = read_model(captured.file, (), asked.packages)
         files = replace(files, strip=tuple(needed_strips(files)))
-        return files, placed(asked.out, asked.target, (), asked.packages if files.urdf else ())
-    mass = asked.target_mass or rounded(_TARGET_PER_BUS * (asked.bus_mass or _BUS_KG), 2)
-    mesh = relative(asked.target, asked.out) if asked.target is not None else ""
+        return files, placed(asked.out, captured.file, (), asked.packages if files.urdf else ())
+    mass = captured.mass or rounded(_TARGET_PER_BUS * (asked.base_mass or _BUS_KG), 2)
+    mesh = relative(captured.file, asked.out) if captured.file is not None else ""
     file.write_text(target_text(rounded(math.cbrt(mass / _TARGET_DENSITY), 2), mass, mesh), encoding="utf-8")
-    folders = outside((asked.target or file).parent, asked.out)
+    folders = outside((captured.file or file).parent, asked.out)
     return read_model(file, folders), placed(asked.out, file, folders, ())
 
 
