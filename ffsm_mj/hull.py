@@ -99,7 +99,7 @@ def greatest_distance(points: FloatArray, triangles: FloatArray) -> float:
     centres = triangles.mean(axis=1)
     radii = np.linalg.norm(triangles - centres[:, None], axis=2).max(axis=1)
     # The centre of a triangle is one of its points: none is farther from the triangles than from the nearest centre.
-    bounds, _ = KDTree(centres).query(points) if len(points) else (np.zeros(0), None)
+    bounds, _ = KDTree(centres).query(points)
     greatest = 0.0
     for i in np.argsort(-bounds):
         if bounds[i] ** 2 <= greatest:
