@@ -226,7 +226,8 @@ def _mission(
     data.qpos[arm.qpos] = capture.ready
     mujoco.mj_forward(model, data)
     inertia = mass_matrix(model, data)
-    base = system.robot.base_dofs
+    base = inertia[system.robot.base_dofs, system.robot.base_dofs]
+    mass, moment = float(base[0, 0]), float(np.linalg.eigvalsh(base[3:, 3:])[-1])
     mobility = np.linalg.inv(inertia)[np.ix_(arm.dofs, arm.dofs)]
     fastest = _CONTROL_PERIOD_S * float(np.linalg.eigvalsh(mobility)[-1])
     body = model.body(arm.body).name.split("/", 1)[1]
@@ -262,8 +263,11 @@ def _mission(
         way=capture.way,
         turns=capture.turns,
         damping=rounded(min(_MOST_DAMPED / fastest, _MOST_DAMPING), 2),
-        mass=float(inertia[base, base][0, 0]),
-        inertia=float(np.linalg.eigvalsh(inertia[base, base][3:, 3:])[-1]),
+        # Near critical damping, with 0.6 rad/s of the position and 0.4 rad/s of the attitude.
+        kp=rounded(0.35 * mass, 2),
+        kd=rounded(1.25 * mass, 2),
+        turn_kp=rounded(0.16 * moment, 2),
+        turn_kd=rounded(0.6 * moment, 2),
     )
 
 

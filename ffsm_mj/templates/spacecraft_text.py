@@ -76,8 +76,10 @@ class Mission:
         way: From the tool to the grapple while the arm waits, m.
         turns: Whether the arm turns its tool every way.
         damping: Of motions of the arm that the tool does not feel, N m s/rad.
-        mass: Of bus, robot and wheels, kg.
-        inertia: Of the bus, kg m^2.
+        kp: Gain of the position of the bus, N/m.
+        kd: Of its velocity, N s/m.
+        turn_kp: Of its attitude, N m/rad.
+        turn_kd: Of its angular velocity, N m s/rad.
     """
 
     joints: Sequence[str]
@@ -93,8 +95,10 @@ class Mission:
     way: float
     turns: bool
     damping: float
-    mass: float
-    inertia: float
+    kp: float
+    kd: float
+    turn_kp: float
+    turn_kd: float
 
 
 def spacecraft_text(name: str, vendor: Vendor, craft: Craft, file: str) -> str:
@@ -341,24 +345,7 @@ def _grasp_rows(mission: Mission) -> list[Row]:
     ]
 
 
-@dataclass(frozen=True)
-class _Gains:
-    """Gains of the bus: N/m, N s/m, N m/rad, N m s/rad, by the mass and inertia of the spacecraft."""
-
-    kp: float
-    kd: float
-    turn_kp: float
-    turn_kd: float
-
-    @classmethod
-    def of(cls, mission: Mission) -> _Gains:
-        """Near critical damping, with 0.6 rad/s of the position and 0.4 rad/s of the attitude."""
-        m, i = mission.mass, mission.inertia
-        return cls(*(rounded(gain, 2) for gain in (0.35 * m, 1.25 * m, 0.16 * i, 0.6 * i)))
-
-
 def _phase_rows(craft: Craft, mission: Mission) -> list[Row]:
-    gains = _Gains.of(mission)
     joints = flow(mission.fingers)
     fingers = [(f"      fingers: &fingers {{kind: hold, joints: {joints}, bandwidth_rad_s: 2.0}}", "they keep their pose")]
     again = [("      fingers: *fingers", "they keep their pose")]
@@ -366,9 +353,9 @@ def _phase_rows(craft: Craft, mission: Mission) -> list[Row]:
         fingers = again = []
     return [
         ("phases:", "one after the other"),
-        *_approach_rows(craft, mission, gains),
+        *_approach_rows(craft, mission),
         *fingers,
-        *_follow_rows(mission, gains),
+        *_follow_rows(mission),
         *again,
         ("  - name: close_in", "the hand moves to the grapple"),
         ("    until: grasp", "then the next phase begins"),
@@ -376,14 +363,14 @@ def _phase_rows(craft: Craft, mission: Mission) -> list[Row]:
         ("    controllers:", "a law for each part"),
         ("      arm: {<<: *follow, offset_m: [0, 0, 0]}", "as before, without a distance"),
         *again,
-        *_rest_rows(mission, gains),
+        *_rest_rows(mission),
         *again,
         ("", ""),
         ("terminal: {stack_momentum_N_m_s: 0.01}", "a check of the run: less is left at its end, without the wheels"),
     ]
 
 
-def _approach_rows(craft: Craft, mission: Mission, gains: _Gains) -> list[Row]:
+def _approach_rows(craft: Craft, mission: Mission) -> list[Row]:
     there = f"waypoints: [{{at_s: {MOVING_S:g}, position_m: [0, 0, 0]}}]"
     still = f"arm: &still {{kind: hold, joints: &arm {flow(mission.joints)}, bandwidth_rad_s: 2.0}}"
     return [
@@ -395,17 +382,20 @@ def _approach_rows(craft: Craft, mission: Mission, gains: _Gains) -> list[Row]:
         (f"        thrusters: &jets {flow(craft.jet)}", "they push"),
         (f"        wheels: &wheels {flow(craft.wheel)}", "they turn"),
         (
-            f"        translation: {{kp: {gains.kp:g}, kd: {gains.kd:g}, {there}}}",
+            f"        translation: {{kp: {mission.kp:g}, kd: {mission.kd:g}, {there}}}",
             "N/m, N s/m: to the origin in this time, smoothly",
         ),
-        (f"        rotation: {{kp: {gains.turn_kp:g}, kd: {gains.turn_kd:g}}}", "N m/rad, N m s/rad: it keeps its attitude"),
+        (
+            f"        rotation: {{kp: {mission.turn_kp:g}, kd: {mission.turn_kd:g}}}",
+            "N m/rad, N m s/rad: it keeps its attitude",
+        ),
         (f"      {still}", "it keeps its pose"),
     ]
 
 
-def _follow_rows(mission: Mission, gains: _Gains) -> list[Row]:
+def _follow_rows(mission: Mission) -> list[Row]:
     most = rounded(0.06 * min(1.0, mission.way / _USUAL_WAY_M), 2)
-    turning = f"rotation: {{kp_N_m_rad: {gains.turn_kp:g}, kd_N_m_s_rad: {gains.turn_kd:g}}}"
+    turning = f"rotation: {{kp_N_m_rad: {mission.turn_kp:g}, kd_N_m_s_rad: {mission.turn_kd:g}}}"
     attitude = (
         [("        attitude: {kp_1_s2: 0.36, kd_1_s: 1.2, max_rate_rad_s: 0.12}", "likewise")] if mission.turns else []
     )
@@ -429,7 +419,7 @@ def _follow_rows(mission: Mission, gains: _Gains) -> list[Row]:
     ]
 
 
-def _rest_rows(mission: Mission, gains: _Gains) -> list[Row]:
+def _rest_rows(mission: Mission) -> list[Row]:
     return [
         ("  - name: detumble", "wheels take the angular momentum of both bodies"),
         ("    until: finished", "when that of bus and target is below the tolerance"),
@@ -451,8 +441,8 @@ def _rest_rows(mission: Mission, gains: _Gains) -> list[Row]:
         ("        kind: base_pd", "as in the approach"),
         ("        thrusters: *jets", "they push"),
         ("        wheels: *wheels", "they turn"),
-        (f"        translation: {{kp: 0, kd: {gains.kd:g}}}", "to rest, wherever that is"),
-        (f"        rotation: {{kp: {gains.turn_kp:g}, kd: {gains.turn_kd:g}}}", "it keeps its attitude"),
+        (f"        translation: {{kp: 0, kd: {mission.kd:g}}}", "to rest, wherever that is"),
+        (f"        rotation: {{kp: {mission.turn_kp:g}, kd: {mission.turn_kd:g}}}", "it keeps its attitude"),
         ("      arm: *still", "it keeps its pose"),
     ]
 

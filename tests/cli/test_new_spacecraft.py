@@ -153,7 +153,7 @@ def test_the_target_arrives_before_the_waiting_arm(made):
     written to seven digits; MuJoCo's RK4 in steps of 10 ms is off by far less.
     """
     made()
-    scenario, system = prepare("my.yaml").scenario, prepare("my.yaml").system
+    scenario, system = (prepared := prepare("my.yaml")).scenario, prepared.system
     data = mujoco.MjData(system.mj)
     for name, value in scenario.initial.joints.items():
         if name != "bus_free":
