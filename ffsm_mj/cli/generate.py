@@ -24,8 +24,7 @@ def new(options: argparse.Namespace, output: Output) -> int:
         InputError: The model cannot be used, or a file exists.
     """
     with output.progress() as stage:
-        spacecraft = options.wheels is not None or options.thrusters is not None
-        write = _new_scene if options.scene else _new_spacecraft if spacecraft else _new_robot
+        write = _new_scene if options.scene else _new_spacecraft if _is_spacecraft(options) else _new_robot
         lines = write(options, stage)
     for line in lines:
         if line.startswith("next: "):
@@ -35,13 +34,18 @@ def new(options: argparse.Namespace, output: Output) -> int:
     return OK
 
 
+def _is_spacecraft(options: argparse.Namespace) -> bool:
+    return options.wheels is not None or options.thrusters is not None
+
+
 def _new_scene(options: argparse.Namespace, stage: Stage) -> list[str]:
     """Generate a scenario for a scene in one file; returns what was written, as text."""
     from ffsm_mj.templates.scene import SceneRequest, write_scene
 
     if options.menagerie or not options.robot:
         raise InputError("new: --scene FILE needs --robot BODY, the root body of the robot in the file")
-    if options.base or options.base_mass or options.base_size or options.root or options.tip or options.package_path:
+    of_base = options.base or options.base_mass or options.base_size
+    if of_base or options.root or options.tip or options.package_path or _is_spacecraft(options):
         raise InputError("new: --scene FILE goes with --robot BODY, --decompose and --out alone")
     with working_on(options.scene):
         stage(f"compile {options.scene}")

@@ -89,12 +89,15 @@ def write_scenario(asked: RobotRequest, *, on_base: bool, decompose: str) -> lis
     """
     name, (scenario, model, ball) = new_files(asked.name, asked.out, "_ball.xml")
     vendor = read_vendor(asked.robot, asked.packages, asked.root)
-    if vendor.floats and (asked.base_mass is not None or not on_base):
-        option = "--base-mass" if on_base else "--base"
+    of_base = "mass" if asked.base_mass is not None else "size" if asked.base_size else ""
+    if vendor.floats and (of_base or not on_base):
+        option = f"--base-{of_base}" if on_base else "--base"
         raise InputError(f"new: {option}: {asked.robot} floats already, no base is added; leave it out")
-    if not on_base and (asked.base_mass is not None or not vendor.urdf):
+    if not on_base and (of_base or not vendor.urdf):
         wrong = (
-            "has no mass; leave --base-mass out" if vendor.urdf else "is for a URDF; give the root of an MJCF a <freejoint/>"
+            f"has no {of_base}; leave --base-{of_base} out"
+            if vendor.urdf
+            else "is for a URDF; give the root of an MJCF a <freejoint/>"
         )
         raise InputError(f"new: --base none {wrong}")
     mounted = on_base and not vendor.floats

@@ -236,6 +236,7 @@ STATUE = "<mujoco><worldbody><body><geom size='1'/></body></worldbody></mujoco>"
         (SERVO_ARM.replace("<body name=", "<bdy name=", 1), [], "malformed XML"),
         (SERVO_ARM, ["--base", "none"], "new: --base none is for a URDF; give the root of an MJCF a <freejoint/>"),
         (ARM, ["--base", "none"], "new: --base: ../vendor/robot.xml floats already, no base is added; leave it out"),
+        (ARM, ["--base-size", "1"], "new: --base-size: ../vendor/robot.xml floats already, no base is added; leave it out"),
         (SERVO_ARM, ["--base-mass", "-2"], "ffsm new: argument --base-mass/--bus-mass: -2 is not a positive number"),
     ],
 )  # fmt: skip
@@ -468,6 +469,7 @@ def test_a_scene_in_one_file(vendor, capfd):
     assert refused(capfd, "it", "--scene", path, "--robot", "floor").startswith("new: --robot: unknown root")
     assert refused(capfd, "it", "--scene", "none.xml", "--robot", "base").startswith("new: --scene: no such model file")
     assert "needs --robot BODY" in refused(capfd, "it", "--scene", path)
+    assert "--out alone" in refused(capfd, "it", "--scene", path, "--robot", "base", "--wheels", "4", "--target", "no.xml")
     assert "exists; nothing is written over it" in refused(capfd, "my", "--scene", path, "--robot", "base")
     assert [each.name for each in Path().iterdir()] == ["my.yaml"]
 
