@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from itertools import groupby, islice
@@ -139,19 +140,40 @@ def _event(record: Any) -> Event | None:
     return Event(type(record).__name__, tuple(texts), values)
 
 
-def differences(run: Any, other: Any, tolerance: float, most: int | None = 10) -> Iterator[str]:
+@dataclass(frozen=True)
+class Difference:
+    """What two runs say differently.
+
+    Attributes:
+        what: The column, or the field of a kind of event: which of many events it is of does not matter.
+        place: Number of the row or event.
+        size: How large it is; infinite of what is no number.
+        text: It in words.
+    """
+
+    what: str
+    place: int
+    size: float
+    text: str
+
+    def __str__(self) -> str:
+        return self.text
+
+
+def differences(run: Any, other: Any, tolerance: float, most: int | None = 10) -> Iterator[Difference]:
     """What two runs say differently beyond ``tolerance`` (1 + size), names of pieces aside; the first few of each sort."""
     if run.outcome != other.outcome:
-        yield f"{other.outcome} ({other.message}), was {run.outcome} ({run.message})"
+        text = f"{other.outcome} ({other.message}), was {run.outcome} ({run.message})"
+        yield Difference(other.outcome, 0, math.inf, text)
     ours, theirs = events_of(run), events_of(other)
     kinds, other_kinds = ([_said(event) for event in events] for events in (ours, theirs))
+    apart = (i for i, (a, b) in enumerate(zip(kinds, other_kinds, strict=False)) if a != b)
+    at = next(apart, min(len(ours), len(theirs)))
+    yield from islice(_wrong_numbers(ours[:at], theirs[:at], tolerance), most)
     if kinds != other_kinds:
-        apart = (i for i, (a, b) in enumerate(zip(kinds, other_kinds, strict=False)) if a != b)
-        at = next(apart, min(len(ours), len(theirs)))
         said, was = (" ".join(map(str, k[at : at + 3])) or "none" for k in (other_kinds, kinds))
-        yield f"{len(theirs)} events, were {len(ours)}; from event {at + 1} on: {said}; were: {was}"
-    else:
-        yield from islice(_wrong_numbers(ours, theirs, tolerance), most)
+        text = f"{len(theirs)} events, were {len(ours)}; from event {at + 1} on: {said}; were: {was}"
+        yield Difference("events", at, math.inf, text)
     yield from islice(_wrong_columns(run, other, tolerance), most)
 
 
@@ -159,19 +181,19 @@ def _said(event: Event) -> str:
     return f"{event.kind} at {event.values['time_s'][0]:.6f} s " + " ".join(text for _, text in event.texts)
 
 
-def _wrong_numbers(ours: Sequence[Event], theirs: Sequence[Event], tolerance: float) -> Iterator[str]:
-    for event, other in zip(ours, theirs, strict=True):
+def _wrong_numbers(ours: Sequence[Event], theirs: Sequence[Event], tolerance: float) -> Iterator[Difference]:
+    for i, (event, other) in enumerate(zip(ours, theirs, strict=True)):
         later_s = abs(float(event.values["time_s"][0] - other.values["time_s"][0]))
         # The end of a step by drift is no event of the motion: its numbers are those of other times, and the rows tell that
         # the motion is the same.
         if event.kind == "ContactChanges" and EVENT_TIME_S < later_s <= LOCATED_S:
             continue
         for name, value in event.values.items():
-            again = other.values[name]
+            again, what = other.values[name], f"{event.kind} {event.texts} {name}"
             if value.shape != again.shape:
-                yield f"{_said(event)}: {name} has {again.size} numbers, had {value.size}"
+                yield Difference(what, i, math.inf, f"{_said(event)}: {name} has {again.size} numbers, had {value.size}")
             elif (size := _apart(value, again)) > tolerance:
-                yield f"{_said(event)}: {name} off by {size:.1e}"
+                yield Difference(what, i, size, f"{_said(event)}: {name} off by {size:.1e}")
 
 
 def _apart(value: np.ndarray, again: np.ndarray) -> float:
@@ -181,15 +203,16 @@ def _apart(value: np.ndarray, again: np.ndarray) -> float:
     return float(np.max(np.nan_to_num(apart, nan=np.inf), initial=0.0)) / scale
 
 
-def _wrong_columns(run: Any, other: Any, tolerance: float) -> Iterator[str]:
+def _wrong_columns(run: Any, other: Any, tolerance: float) -> Iterator[Difference]:
+    """Rows in which a column differs by more than before."""
     if len(run.time) != len(other.time):
-        yield f"{len(other.time)} rows, were {len(run.time)}"
+        yield Difference("rows", 0, math.inf, f"{len(other.time)} rows, were {len(run.time)}")
         return
     for key in run.keys:
         if not key.startswith(("state.", "contact.", "energy.", "momentum.")) or key not in other.keys:
             continue
         values, again = (np.asarray(either[key], dtype=float) for either in (run, other))
         rows = [_apart(a, b) for a, b in zip(values[:, None], again[:, None], strict=True)]
-        if (worst := int(np.argmax(rows))) is not None and rows[worst] > tolerance:
-            first = int(np.argmax(np.array(rows) > tolerance))
-            yield f"{key} off by {rows[worst]:.1e} at {run.time[worst]:g} s, first at {run.time[first]:g} s"
+        highest = np.maximum.accumulate([tolerance, *rows])
+        for i in np.flatnonzero(highest[1:] > highest[:-1]).tolist():
+            yield Difference(key, i, rows[i], f"{key} off by {rows[i]:.1e} at {run.time[i]:g} s")
