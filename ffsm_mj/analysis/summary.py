@@ -154,6 +154,8 @@ def _conservation(accumulator: CheckAccumulator) -> dict[str, float | None] | No
 
 
 _SHOWN = 5
+_PART = "checks of rows and records"
+"""Those of ``run.checks()``, which a representation shows; ``ffsm run`` counts those that need the models too."""
 _LEFT = 'style="text-align:left"'
 
 
@@ -167,25 +169,26 @@ def card_text(log: RunLog, digest: Digest | None, checks: Sequence[Check]) -> st
     contacts = digest.contacts.intervals() if digest is not None else ()
     counts = [plural(hits, "impact") if hits else "no impact"]
     counts += [plural(len(contacts), "persistent contact")] if contacts else []
-    line = f"<Run {log.header.scenario_name}: {'; '.join((_outcome(log), *counts, _checks(log, digest, checks)))}"
+    line = f"<Run {log.header.scenario_name}: {'; '.join((_outcome(log), *counts, _checks(log, digest, checks, _PART)))}"
     tip = _tip(digest)
     return "\n  ".join(map(one_line, [line, f"tip {tip}"] if tip else [line])) + ">"
 
 
-def card_html(log: RunLog, digest: Digest | None, checks: Sequence[Check]) -> str:
+def card_html(log: RunLog, digest: Digest | None, checks: Sequence[Check], noun: str = _PART) -> str:
     """HTML table of outcome, impacts, contacts, grasps, checks and tip; text from the log is always escaped.
 
     Args:
         log: Log of the run.
         digest: Digest of its rows; None: it is not known, which the table says.
         checks: Results of its checks; empty without a digest.
+        noun: What they are.
     """
     rows = {
         "outcome": [_outcome(log)],
         "impacts": _impacts(log.impacts),
         "contacts": _contacts(digest.contacts.intervals() if digest is not None else ()),
         "grasps": _grasps(digest.grasps.intervals() if digest is not None else ()),
-        "checks": [_checks(log, digest, checks)],
+        "checks": [_checks(log, digest, checks, noun)],
         "tip": [_tip(digest)],
     }
     body = "".join(
@@ -242,14 +245,14 @@ def _more(shown: Sequence[Any], word: str) -> list[str]:
     return [f"and {plural(more, f'more {word}')}"] if more > 0 else []
 
 
-def _checks(log: RunLog, digest: Digest | None, checks: Sequence[Check]) -> str:
+def _checks(log: RunLog, digest: Digest | None, checks: Sequence[Check], noun: str) -> str:
     if digest is None:
         return "checks not evaluated yet: checks() reads the whole log"
     conservative = is_conservative(log.header.metadata)
     lax = "" if conservative else "energy and momenta not checked, as the models are not conservative"
     if not checks:
         return lax or "no samples to check"
-    return "; ".join(part for part in (worst_check(checks), lax) if part)
+    return "; ".join(part for part in (worst_check(checks, noun), lax) if part)
 
 
 def _tip(digest: Digest | None) -> str:

@@ -20,7 +20,7 @@ from ffsm_mj.contact.sides import Sides
 from ffsm_mj.contact.solid.welding import TooThinError
 from ffsm_mj.contact.union_pair import UnionPair
 from ffsm_mj.contact.watch import Matrix, collidable
-from ffsm_mj.errors import Faults, unknown_name
+from ffsm_mj.errors import Faults, plural, unknown_name
 from ffsm_mj.model.system import System
 from ffsm_mj.scenario.contacts import ContactRuleConfig, ContactsConfig
 from ffsm_mj.tolerances import CLEARLY_APART_M, CONTACT_GAP_M
@@ -453,7 +453,7 @@ def refuse_undetectable(system: System, data: Any, contacts: Contacts) -> None:
                 for message in messages[:_SHOWN]:
                     faults.add(message, *place)
                 if (more := len(messages) - _SHOWN) > 0:
-                    faults.add(f"and {more} more pairs of this rule", *place)
+                    faults.add(f"and {plural(more, 'more pair')} of this rule", *place)
 
 
 def _unbounded(system: System, data: Any, contacts: Contacts) -> Iterator[tuple[ContactPair, str]]:

@@ -50,7 +50,6 @@ from ffsm_mj.tolerances import MECHANISM_RANK
 
 _SHOWN_M = 1e-4
 """Meshes whose convex hull is closer than this are not mentioned."""
-_MOST_MESHES = 6
 
 
 def rule_lines(contacts: Contacts) -> Iterator[str]:
@@ -117,15 +116,14 @@ def _left_out(contacts: Contacts, system: System) -> Iterator[str]:
 
 
 def mesh_notes(contacts: Contacts, system: System) -> Iterator[str]:
-    """Notes on meshes in contacts that collide as their convex hulls; takes up to a second for a large mesh."""
+    """A note on meshes in contacts that collide as their convex hulls; takes up to a second for a large mesh."""
     model = system.mj
     geoms = sorted({geom for pair in contacts.pairs for geom in pair.geom_ids} - {*system.pieces, *system.cones})
     depths = [(hull_offset(model, geom), system.mj.geom(geom).name) for geom in geoms]
     offsets = sorted(((offset, name) for offset, name in depths if offset > _SHOWN_M), reverse=True)
-    for offset, name in offsets[:_MOST_MESHES]:
-        yield f"{name} collides as the convex hull of its mesh, up to {1e3 * offset:.3g} mm off its triangles"
-    if len(offsets) > _MOST_MESHES:
-        yield f"and {len(offsets) - _MOST_MESHES} more meshes collide as hulls that stand off by less"
+    apart = [f"{name} {1e3 * offset:.3g} mm" for offset, name in offsets]
+    if apart:
+        yield f"meshes collide as their convex hulls, at least this far off their triangles (decompose): {first_few(apart)}"
 
 
 def piece_lines(system: System) -> list[str]:
@@ -138,16 +136,17 @@ def piece_lines(system: System) -> list[str]:
     return ["  meshes as convex pieces", *lines] if lines else []
 
 
-def unwatched_overlaps(assembly: Assembly) -> Iterator[tuple[str, str]]:
-    """Labels of geoms that overlap initially, whose contacts are neither resolved nor ignored."""
+def _unwatched_overlaps(assembly: Assembly) -> Iterator[str]:
+    """A note on geoms that overlap initially, whose contacts are neither resolved nor ignored."""
     watch = ContactWatch(assembly.system.mj, assembly.data, assembly.known_pairs, filtered=assembly.contacts.left_out)
     watch.look(0.0)
-    for record in watch.finish(0.0):
-        yield record.geoms[0], record.geoms[1]
+    overlaps = [" and ".join(record.geoms) for record in watch.finish(0.0)]
+    if overlaps:
+        yield f"these overlap at the start, and no contact force will separate them: {first_few(overlaps)}"
 
 
-def disarmed_pairs(assembly: Assembly) -> Iterator[str]:
-    """Pairs with a contact rule that cannot meet while a rigid grasp is closed."""
+def _disarmed_pairs(assembly: Assembly) -> Iterator[str]:
+    """Pairs with a contact rule of one rigid body while a rigid grasp is closed: no note, nothing is lost by it."""
     for contact_model in assembly.plant.integrator.sources:
         if isinstance(contact_model, GraspModel):
             for name, pairs in contact_model.disarmed.items():
@@ -155,7 +154,7 @@ def disarmed_pairs(assembly: Assembly) -> Iterator[str]:
                 named = {pair.geom_ids: pair for pair in reversed(assembly.pairs) if pair.geom_ids in pairs}
                 names = [pair.shared_name if isinstance(pair, ConePair) else pair.name for pair in reversed(named.values())]
                 if names:
-                    yield f"while {name!r} is closed, these pairs are on one rigid body and cannot meet: {first_few(names)}"
+                    yield f"    while {name!r} is closed, on one rigid body: {first_few(names)}"
 
 
 _NEAR = 1e-4
@@ -378,11 +377,14 @@ def initial_notes(assembly: Assembly) -> Iterator[str]:
     """Initial values that are probably mistakes: hinges beyond one turn, a target beyond the reach of the arm."""
     # A wheel that turns without limits may have turned often, in a state of a log too: no angle of it is a mistake.
     wheels = {joint.name for joint in rotors(assembly.system)}
-    for name, joint in assembly.system.joints.items():
-        angle = float(assembly.data.qpos[joint.qpos][0])
-        if joint.kind == "hinge" and name not in wheels and abs(angle) > _TURN:
-            as_degrees = f"{angle:g} degrees are {np.deg2rad(angle):.6g} rad"
-            yield f"joint {name} starts at {angle:g} rad, {abs(angle) / _TURN:.3g} turns; angles are in rad, {as_degrees}"
+    angles = {name: float(assembly.data.qpos[joint.qpos][0]) for name, joint in assembly.system.joints.items()}
+    turned = [
+        f"{name} at {angle:g} rad ({angle:g} degrees are {np.deg2rad(angle):.6g} rad)"
+        for name, angle in angles.items()
+        if assembly.system.joints[name].kind == "hinge" and name not in wheels and abs(angle) > _TURN
+    ]
+    if turned:
+        yield f"angles are in rad, and beyond one turn at the start: {first_few(turned)}"
     task = assembly.task
     if task is not None:
         yield from _beyond_reach(assembly, task.tip_site, "the target", task.target_m, list(task.axes))
@@ -471,19 +473,14 @@ def _numbers(values: FloatArray, form: str) -> str:
 def notes(assembly: Assembly) -> list[str]:
     """What a user should know about the scenario before it runs, one line each."""
     return [
-        *(change.sentence for change in assembly.compiled.changes),
         *assembly.system.notes,
         *contact_notes(assembly.contacts, assembly.system),
         *union_notes(assembly.contacts, assembly.system),
-        *(
-            f"{a} and {b} overlap at the start, and no contact force will separate them"
-            for a, b in unwatched_overlaps(assembly)
-        ),
+        *_unwatched_overlaps(assembly),
         *assembly.start_notes,
         *initial_notes(assembly),
         *unstable_damping(assembly),
         *undriven_actuators(assembly.system, assembly.controller.phases),
-        *disarmed_pairs(assembly),
         *loop_notes(assembly),
         *friction_notes(assembly),
         *orbit_notes(assembly),
@@ -498,8 +495,10 @@ def describe(assembly: Assembly) -> list[str]:
         f"{scenario.name}: valid",
         *(f"  {tree.name}: bodies {len(tree.bodies)}, dofs {tree.dofs.stop - tree.dofs.start}" for tree in system.trees),
         *(f"  {body.name}: fixed, bodies {len(body.bodies)}" for body in system.fixed),
+        *_changes(assembly),
         *piece_lines(system),
         *(f"  {line}" for line in rule_lines(assembly.contacts)),
+        *_disarmed_pairs(assembly),
         *(f"  {line}" for line in cone_lines(assembly.contacts, assembly.system)),
         *union_lines(assembly.contacts, system),
         *_limited_joints(assembly.limits),
@@ -518,6 +517,12 @@ def describe(assembly: Assembly) -> list[str]:
         *(outside or ["conservative: nothing in the models breaks it"])
     ]
     return lines + [f"note: {note}" for note in (*notes(assembly), *mesh_notes(assembly.contacts, system))]
+
+
+def _changes(assembly: Assembly) -> list[str]:
+    """A heading and a line for each property of the models that the scenario changes; none without any."""
+    lines = [f"    {change.sentence}" for change in assembly.compiled.changes]
+    return ["  properties that the scenario changes", *lines] if lines else []
 
 
 def _phases(scenario: ScenarioConfig) -> list[str]:

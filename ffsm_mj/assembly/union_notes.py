@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 from ffsm_mj.assembly.contact_rules import Contacts, rigid_body_name
 from ffsm_mj.contact.sides import Side
 from ffsm_mj.contact.solid.welding import Step
 from ffsm_mj.contact.union_pair import UnionPair
+from ffsm_mj.errors import first_few
 from ffsm_mj.model.system import System
-
-_MOST_STEPS = 6
 
 
 def union_lines(contacts: Contacts, system: System) -> list[str]:
@@ -24,20 +24,20 @@ def union_lines(contacts: Contacts, system: System) -> list[str]:
 
 
 def union_notes(contacts: Contacts, system: System) -> Iterator[str]:
-    """Notes on pieces of one body that are a little farther apart than what is welded."""
+    """A note on pieces of one body that are a little farther apart than what is welded."""
     steps = [(side, step) for side in _sides(contacts) if side.solid for step in side.solid.report.steps]
+    if not steps:
+        return
     steps.sort(key=lambda entry: -entry[1].height_m)
-    for side, step in steps[:_MOST_STEPS]:
-        yield _sentence(side, step, system)
-    if len(steps) > _MOST_STEPS:
-        yield f"and {len(steps) - _MOST_STEPS} more pairs of pieces are as near to each other without being welded"
+    enough = 10.0 ** math.ceil(math.log10(steps[0][1].height_m))
+    which = first_few([_sentence(*entry, system) for entry in steps])
+    yield f"{which}: contacts.weld_m is smaller, and {enough:.0e} would weld them"
 
 
 def _sentence(side: Side, step: Step, system: System) -> str:
     one, other = (system.mj.geom(side.pieces[k].geom).name or f"geom {side.pieces[k].geom}" for k in step.pieces)
     which = f"{one} and {other}" if one != other else f"two pieces of {one}"
-    what = f"a crack or overlap of {step.height_m:.1e} m" if step.crack else f"a step of {step.height_m:.1e} m"
-    return f"{which} leave {what}, which is real: contacts.weld_m is smaller"
+    return f"{'a crack or overlap' if step.crack else 'a step'} of {step.height_m:.1e} m between {which}"
 
 
 def _sides(contacts: Contacts) -> list[Side]:

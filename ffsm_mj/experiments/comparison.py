@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.errors import InputError
+from ffsm_mj.errors import InputError, plural
 from ffsm_mj.experiments.results import GOOD, SUCCESS, VariantResults, finite, numbers, passed
 from ffsm_mj.experiments.statistics import Proportion, mean_interval, mean_text
 from ffsm_mj.report.markdown import percent
@@ -220,7 +220,7 @@ class VariantComparison:
         goal, compared = ("least", "less") if ranking.direction == "minimize" else ("most", "more")
         runs = max(one.differences[ranking.metric].n for one in self.pairs if ranking.metric in one.differences)
         if runs < LEAST_RUNS:
-            return f"nothing is shown by {runs} run{'' if runs == 1 else 's'}; {LEAST_RUNS} or more are needed."
+            return f"nothing is shown by {plural(runs, 'run')}; {LEAST_RUNS} or more are needed."
         reference = self.results.config.reference
         if reference is not None:
             return self._against(reference, ranking)

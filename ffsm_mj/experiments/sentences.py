@@ -52,7 +52,7 @@ def _success(results: Results, conditions: tuple[Condition, ...]) -> str:
 
 def _accuracy(results: Results) -> str:
     violated = int((numbers(results.frame, "checks_pass") == 0.0).sum())
-    parts = [f"checks violated in {violated or 'no'} run{'s' if violated > 1 else ''}"]
+    parts = [f"checks violated in {plural(violated, 'run') if violated else 'no run'}"]
     for column, what in (("drift", "drift over (1 + scale) at most"), ("deepest_overlap_m", "overlap in m at most")):
         values = numbers(results.frame, column)
         if np.isfinite(values).any():

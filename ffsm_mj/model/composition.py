@@ -95,7 +95,8 @@ def part(name: str, files: ModelFiles, vfs: Any) -> Part:
         ScenarioFaults: A site, a flexible drive or a property is impossible.
     """
     spec, timing, notes = load_completely(files, vfs)
-    notes += [f"removed from {name}: {what}" for what in strip(spec, files.strip)]
+    removed = strip(spec, files.strip)
+    notes += [f"removed from {name}: {'; '.join(removed)}"] if removed else []
     make_motors(spec, files.motors)
     for key in spec.keys:  # keyframes have a value per control and activation; they are not used here
         key.ctrl, key.act = [], []

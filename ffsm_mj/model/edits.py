@@ -21,7 +21,7 @@ import mujoco
 from pydantic import NonNegativeFloat, PositiveFloat
 
 from ffsm_mj.config import StrictModel
-from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
+from ffsm_mj.errors import Fault, ScenarioFaults, first_few, plural, unknown_name
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,6 @@ Strippable = Literal[
 STRIPPABLE: tuple[str, ...] = get_args(Strippable)
 LimitsMode = Literal["stop", "ignore"]
 """``stop``: a joint cannot move past the limits of its model; ``ignore``: they are removed."""
-_SHOWN = 6
 
 
 def is_limited(element: Any) -> bool:
@@ -258,8 +257,7 @@ def _deleted(spec: Any, noun: str, elements: list[Any]) -> list[str]:
 
 
 def _counted(noun: str, names: list[str]) -> str:
-    shown = ", ".join(name or "unnamed" for name in names[:_SHOWN])
-    return f"{len(names)} {noun}{'s' if len(names) > 1 else ''} ({shown}{', ...' if len(names) > _SHOWN else ''})"
+    return f"{plural(len(names), noun)} ({first_few([name or 'unnamed' for name in names])})"
 
 
 def is_plain_motor(element: Any) -> bool:

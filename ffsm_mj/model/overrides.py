@@ -14,7 +14,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
+from ffsm_mj.errors import Fault, ScenarioFaults, plural, unknown_name
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.properties import (
     INERTIAL,
@@ -254,7 +254,7 @@ def _fault_of_size(geom: Any, size: tuple[float, ...]) -> str:
     if geom.meshname or kind not in SIZES:
         return f"a {'mesh' if geom.meshname else kind} has no size of its own; kinds that have one: {', '.join(SIZES)}"
     if len(size) != SIZES[kind]:
-        return f"the size of a {kind} has {SIZES[kind]} number{'s' if SIZES[kind] > 1 else ''}, got {len(size)}"
+        return f"the size of a {kind} has {plural(SIZES[kind], 'number')}, got {len(size)}"
     return ""
 
 

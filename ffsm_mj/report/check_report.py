@@ -73,6 +73,12 @@ def step_hint(run: Run) -> str:
     return f"{_STEP_HINT.format(divide=divide)}: {command('analyze', '--tolerance', '1e-8')}"
 
 
+def left_to_replay(run: Run) -> str:
+    """The check that ``ffsm analyze`` has and ``ffsm run`` has not, as it needs a replay; empty without contact forces."""
+    forces = run.digest.check_accumulator.has_contact_forces
+    return "one more by replay (ffsm analyze): contact complementarity" if forces else ""
+
+
 def verdict(run: Run, checks: Sequence[Check]) -> str:
     """One line: which checks failed, or that all passed."""
     broken = [f"{check.name} of {check.subsystem}" for check in checks if not (check.passes or check.fails_by_truncation)]

@@ -8,7 +8,7 @@ from ffsm_mj.analysis.pacing import Pacing
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.errors import one_line, plural
 from ffsm_mj.records.metadata import changed_property_lines, gravity_line, logged_phase_graph
-from ffsm_mj.report.check_report import check_table, no_verdict, step_hint
+from ffsm_mj.report.check_report import check_table, left_to_replay, no_verdict, step_hint
 from ffsm_mj.report.momentum_report import momentum_line
 from ffsm_mj.report.record_tables import MOST_ROWS, contact_table, impact_table, record_lines, unhandled_table
 from ffsm_mj.report.terminal import wrapped
@@ -42,7 +42,7 @@ def run_report(run: Run, explained: ExplainedChecks, notes: Sequence[str] = (), 
 def _report(run: Run, explained: ExplainedChecks, notes: Sequence[str], most: int, *, tight: bool) -> str:
     """The report with at most so many rows in each of its parts."""
     failures = _failures(run, explained, notes, most)
-    result = "" if failures else worst_check(explained.checks)
+    result = "" if failures else "; ".join(filter(None, [worst_check(explained.checks), left_to_replay(run)]))
     if not run.conservative:
         result = f"{result}{result and '; '}not conservative: {one_line(run.why_not_conservative)}"
     happened = _happened(run, most) if most else _happened_in_short(run)

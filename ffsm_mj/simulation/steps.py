@@ -84,7 +84,9 @@ class GridStep:
             raise RunEnded(Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: {error}") from error
         except StepLimitError as error:
             message = f"{Outcome.STEP_LIMIT.sentence}: at t = {end_s - left_s:.6g} s {error}"
-            raise RunEnded(Outcome.STEP_LIMIT, f"{message}; use a shorter time_step_s or a larger accuracy") from error
+            # An unstable law makes a motion too fast by itself: no step helps, and check names the gain of a linear one.
+            remedy = "use a shorter time_step_s or a larger accuracy, or mend an unstable control law (ffsm check)"
+            raise RunEnded(Outcome.STEP_LIMIT, f"{message}; {remedy}") from error
 
     def _back_to_start(self) -> None:
         """Undo the last (sub-)step: what is recorded at the end of the run is of a state that has been reached."""

@@ -94,14 +94,12 @@ class Authority(NamedTuple):
     """What thrusters and wheels can do.
 
     Attributes:
-        force: Whether the thrusters can push the bus every way, without turning it where the wheels hold it.
         wrench: Whether the thrusters alone can give any force together with any torque.
         torque: Whether the wheels can turn it every way.
         rank: Rank of the columns of force and torque of thrusters and wheels, 6 at most.
         weakest: Smallest over largest singular value of these columns, torques by half the mean edge of the bus.
     """
 
-    force: bool
     wrench: bool
     torque: bool
     rank: int
@@ -120,7 +118,7 @@ def authority(columns: FloatArray, axes: FloatArray) -> Authority:
     rank = int((values > _RANK * values[0]).sum())
     weakest = float(values[-1] / values[0]) if len(values) == 6 else 0.0
     by_wheels = np.linalg.matrix_rank(axes, tol=_RANK) == 3
-    return Authority(_reaches_all(columns[:3]), _reaches_all(columns), bool(by_wheels), rank, weakest)
+    return Authority(_reaches_all(columns), bool(by_wheels), rank, weakest)
 
 
 def _reaches_all(columns: FloatArray) -> bool:

@@ -10,7 +10,7 @@ from difflib import SequenceMatcher
 from pathlib import Path
 from string import Template
 
-from ffsm_mj.errors import InputError
+from ffsm_mj.errors import InputError, plural
 from ffsm_mj.invocation import command
 from ffsm_mj.report.markdown import markdown_table
 from ffsm_mj.validation.case import ComparedCase, ComparedNumber, Number, Origin, Verdict, verdicts_in_words
@@ -60,9 +60,8 @@ def total(compared: Sequence[ComparedCase]) -> str:
     """How many cases and numbers there are, and how they stand to their sources."""
     origins = Counter(case.case.origin for case in compared)
     cases = ", ".join(f"{origins[origin]} {what}" for origin, what in _ORIGINS.items())
-    plural = "" if len(compared) == 1 else "s"
     numbers = (number for case in compared for number in case.numbers)
-    return f"{len(compared)} case{plural} ({cases}), {verdicts_in_words(numbers)}."
+    return f"{plural(len(compared), 'case')} ({cases}), {verdicts_in_words(numbers)}."
 
 
 def rows(numbers: Iterable[ComparedNumber], head: Sequence[str] = HEAD) -> list[tuple[str, ...]]:

@@ -100,8 +100,13 @@ def all_by_truncation(checks: Iterable[Check]) -> bool | None:
     return None if None in verdicts else True
 
 
-def worst_check(checks: Sequence[Check]) -> str:
-    """How many checks pass, and the one that is closest to its tolerance or exceeds it most; empty without checks."""
+def worst_check(checks: Sequence[Check], noun: str = "checks") -> str:
+    """How many checks pass, and the one that is closest to its tolerance or exceeds it most; empty without checks.
+
+    Args:
+        checks: Results of the checks.
+        noun: What they are, where they are not all checks of a run.
+    """
     if not checks:
         return ""
     worst = max(checks, key=lambda check: share_of(check.residual, check.tolerance))
@@ -109,7 +114,7 @@ def worst_check(checks: Sequence[Check]) -> str:
     alone = all_by_truncation(checks)
     fate = "fail by the truncation of the step alone" if alone else "FAILED"
     fate += " (truncation: not analysed)" if alone is None else ""
-    result = f"{len(broken)} of {len(checks)} checks {fate}" if broken else f"all {len(checks)} checks pass"
+    result = f"{len(broken)} of {len(checks)} {noun} {fate}" if broken else f"all {len(checks)} {noun} pass"
     near = f"{worst.residual:.1e} {worst.unit} of {worst.tolerance:.1e} allowed"
     return f"{result}; worst: {worst.name} of {worst.subsystem}, {near}"
 

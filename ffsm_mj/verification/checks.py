@@ -121,6 +121,7 @@ class CheckAccumulator:
 
     Attributes:
         samples: Rows so far.
+        has_contact_forces: Whether a row has a force of persistent contact or a joint limit; a replay checks these.
     """
 
     def __init__(self, layout: Layout, metadata: Mapping[str, str]) -> None:
@@ -136,7 +137,7 @@ class CheckAccumulator:
         self._free, self._two_ways = free_components(metadata, "robot"), Peak()
         self._overlap, self._deepest = layout.index.get(_OVERLAP), Peak()
         self._overruns, self._past = [layout.index[key] for key in _OVERRUN.values() if key in layout.index], Peak()
-        self._complementarity = Peak()
+        self._complementarity, self.has_contact_forces = Peak(), False
         of_pairs = [key.removesuffix("_mode") + "_force_N" for key in layout.keys if key.endswith("_mode")]
         of_limits = [key for key in layout.keys if key.endswith(LIMIT_FORCES) and key.startswith("contact.")]
         self._forces = layout.places((*of_pairs, *of_limits))
@@ -177,6 +178,7 @@ class CheckAccumulator:
             self._deepest.add(times, block[:, [self._overlap]], np.zeros(len(block)))
         if self._overruns:
             self._past.add(times, block[:, self._overruns].max(axis=1, keepdims=True), np.zeros(len(block)))
+        self.has_contact_forces |= bool(block[:, self._forces].any())
         if forces_apart is not None and len(self._forces):
             self._complementarity.add(times, forces_apart[:, None], np.abs(block[:, self._forces]).max(axis=1))
         if self._projections:

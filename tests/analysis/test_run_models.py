@@ -48,8 +48,8 @@ def test_a_run_compiles_nothing(rough, monkeypatch):
         assert {check.name for check in checks} >= {"energy", "linear momentum", "impact energy"}
         assert all(check.passes for check in checks)
         assert "checks" not in run.summary()
-        assert f"all {len(checks)} checks pass" in repr(run)
-        assert f"all {len(checks)} checks pass" in run._repr_html_()
+        assert f"all {len(checks)} checks of rows and records pass" in repr(run)
+        assert f"all {len(checks)} checks of rows and records pass" in run._repr_html_()
         assert len(run.table("checks").columns["name"]) == len(checks)
         assert all(run.table(name).name == name for name in table_names(run.log))
         with pytest.raises(AssertionError, match="a model is compiled"):

@@ -104,8 +104,8 @@ def test_a_start_that_is_not_stated_is_refused_too(tmp_path):
 def test_a_wheel_may_have_turned_often_and_a_joint_of_an_arm_not(tmp_path):
     """As in a state of a log: 34 turns of a wheel are no degrees that were taken for radians."""
     path = scene(tmp_path, spacecraft(), {}, initial={"joints": {"wheel_1": -213.373, "shoulder": -213.373}})
-    notes = [line for line in prepare(path).describe() if "turns" in line]
-    assert [note[:47] for note in notes] == ["note: joint robot/shoulder starts at -213.373 r"]
+    notes = [line for line in prepare(path).describe() if "beyond one turn" in line]
+    assert [note.partition(": robot/")[2][:22] for note in notes] == ["shoulder at -213.373 r"]
 
 
 @pytest.mark.parametrize(

@@ -43,7 +43,9 @@ def test_what_is_welded_is_said(described):
 def test_a_missed_weld_is_noted(described):
     lines, notes = described(5e-9, 1e-9)
     assert "move" not in lines[1]
-    assert notes == ["floor/large and floor/small leave a step of 5.0e-09 m, which is real: contacts.weld_m is smaller"]
+    step = "a step of 5.0e-09 m between floor/large and floor/small"
+    assert notes == [f"{step}: contacts.weld_m is smaller, and 1e-08 would weld them"]
+    assert described(5e-9, 1e-8)[1] == []  # it does
     assert described(1e-6, 1e-9)[1] == []
 
 

@@ -260,15 +260,22 @@ def test_a_folder_that_holds_a_run_is_refused_before_the_scenario_is_read(tmp_pa
     assert capsys.readouterr().err.startswith("mine: already contains a run (run.mcap); choose another --out, or --force")
 
 
-def test_notes_are_shown_before_the_run(capsys):
-    """Four lines at most, then the command that shows all of them; the changes of masses are notes."""
-    changes = [f"-smodel.robot.link_{i}.mass_kg={i}.5" for i in (1, 2, 3)] + ["-smodel.object.box.mass_kg=7"]
-    changes += ["-scontroller_model.object.box.mass_kg=8"]
-    assert main(["run", "coasting", "--no-rerun", "-s", "duration_s=0.01", *changes]) == 0
-    head = capsys.readouterr().out.split("coasting: completed")[0].splitlines()
+def test_notes_are_shown_before_the_run(monkeypatch, capsys):
+    """Four lines at most, then the command that shows all of them, with the overrides."""
+    for count in (4, 5, 7):
+        monkeypatch.setattr("ffsm_mj.assembly.notes.notes", lambda _, count=count: [f"number {i}" for i in range(count)])
+        assert main(["run", "coasting", "--no-rerun", "-s", "duration_s=0.01", "-s", "model.object.box.mass_kg=7"]) == 0
+        head = capsys.readouterr().out.split("coasting: completed")[0].splitlines()
+        assert head[:4] == [f"note: number {i}" for i in range(4)]
+        more = {4: [], 5: ["and 1 more note: "], 7: ["and 3 more notes: "]}[count]
+        assert head[4:] == [f"{text}ffsm check coasting -s duration_s=0.01 -s model.object.box.mass_kg=7" for text in more]
+
+
+def test_changed_properties_are_part_of_the_description_and_of_the_report(capsys):
+    changes = ("-s", "duration_s=0.01", "-s", "model.object.box.mass_kg=7")
     assert main(["check", "coasting", *changes]) == 0
-    notes = [line for line in capsys.readouterr().out.splitlines() if line.startswith("note: ")]
-    assert head[:4] == notes[:4]
-    again = " ".join(f"-s {change[2:]}" for change in changes)
-    left = len(notes) - 4
-    assert head[4:] == [f"and {left} more note{'s' * (left > 1)}: ffsm check coasting -s duration_s=0.01 {again}"]
+    described = capsys.readouterr().out
+    (line,) = [line for line in described.splitlines() if "model.object.box.mass_kg" in line]
+    assert line.startswith("    model.object.box.mass_kg is 7; without it ")
+    assert main(["run", "coasting", "--no-rerun", *changes]) == 0
+    assert "\nmodel.object.box.mass_kg = 7\n" in capsys.readouterr().out

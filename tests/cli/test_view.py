@@ -125,7 +125,7 @@ def test_check_prints_poses_at_the_start(scenario, capsys):
 def test_check_warns_of_angles_beyond_one_turn(scenario, capsys, angle, warns):
     assert main(["check", str(scenario), "-s", f"initial.joints.elbow={angle}"]) == 0
     out = capsys.readouterr().out
-    assert ("note: joint robot/elbow starts at" in out) == warns
+    assert ("note: angles are in rad, and beyond one turn at the start: robot/elbow at" in out) == warns
     assert ("90 degrees are 1.5708 rad" in out) == (angle == 90.0)
 
 

@@ -152,4 +152,4 @@ def test_a_recipe_with_a_belief_runs_again_and_elsewhere_the_same(tmp_path):
 def test_check_judges_the_damping_that_the_law_believes_in(tmp_path, capfd):
     """Where ``check`` asks the law at a state, it is that of the model that the law was made for."""
     assert main(["check", str(reaching(tmp_path)), "-s", "controller_model.robot.lower.mass_kg=1.3"]) == 0
-    assert "note: controller_model.robot.lower.mass_kg is 1.3; without it 0.8" in capfd.readouterr().out
+    assert "    controller_model.robot.lower.mass_kg is 1.3; without it 0.8" in capfd.readouterr().out

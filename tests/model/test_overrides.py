@@ -389,7 +389,7 @@ def test_log_replay_and_rerun_have_the_properties_too(tmp_path, capfd):
 
 def test_check_lists_the_properties(tmp_path, capfd):
     assert main(["check", str(two_balls(tmp_path)), "-s", "model.robot.ball.mass_kg=5"]) == 0
-    assert "note: model.robot.ball.mass_kg is 5; without it 2" in capfd.readouterr().out
+    assert "    model.robot.ball.mass_kg is 5; without it 2" in capfd.readouterr().out
 
 
 @pytest.fixture(scope="module")

@@ -51,7 +51,7 @@ class Tags(HTMLParser):
 
 def test_the_representation_of_a_run_shows_its_results(hit):
     said = repr(hit)
-    assert said.startswith("<Run scene: completed after 0.5 s; 1 impact; all 13 checks pass; worst: ")
+    assert said.startswith("<Run scene: completed after 0.5 s; 1 impact; all 13 checks of rows and records pass; worst: ")
     assert len(said.splitlines()) == 1
     page = Tags(hit._repr_html_())
     assert "completed after 0.5 s" in page.text
@@ -116,7 +116,7 @@ def test_the_representation_does_not_read_a_long_log(hit, monkeypatch):
     assert "1 impact; checks not evaluated yet: checks() reads the whole log>" in repr(fresh)
     assert "checks not evaluated yet" in fresh._repr_html_()
     told = ffsm_mj.Run(fresh.log, fresh.path, known)
-    assert "all 13 checks pass" in repr(told)
+    assert "all 13 checks of rows and records pass" in repr(told)
 
 
 def test_the_representation_uses_the_digest(baseline):

@@ -23,6 +23,7 @@ from tests.changed_logs import with_records
 from tests.contact_models.grasp.scenes import grasping
 from tests.contact_models.joint_friction.scenes import run as friction_run
 from tests.contact_models.joint_friction.scenes import slider
+from tests.contact_models.persistent.test_limits import gripper as pressed_jaws
 from tests.scenes import ball, scene, two_balls
 
 
@@ -53,6 +54,18 @@ def test_a_run_that_passes_is_a_few_lines(hit):
     assert lines[-1].startswith("all 15 checks pass; worst: ") or lines[-2].startswith("all 15 checks pass; worst: ")
     assert len(lines) <= 9
     assert not any("note" in line for line in lines)  # it was shown before the run
+
+
+def test_run_analyze_and_a_representation_count_checks_alike_or_say_what_is_more(hit, tmp_path):
+    """Forces of persistent contact and joint limits are checked by a replay only; a representation compiles no models."""
+    for run, forces in ((hit, False), (pressed_jaws(tmp_path, 1.5), True)):
+        again = replay_log(run.log)
+        analyzed = verification(run, again, ExplainedChecks(again.checks()), DEFAULT_TOLERANCE)
+        said, count = run_report(run, ExplainedChecks(all_checks(run))), len(all_checks(run))
+        assert f"all {count} checks pass; worst: " in said
+        assert said.endswith("; one more by replay (ffsm analyze): contact complementarity") == forces
+        assert f"all {count + forces} checks pass over" in analyzed
+        assert f"all {len(run.checks())} checks of rows and records pass; worst: " in repr(run)
 
 
 def test_checks_that_fail_come_first_and_notes_below_them(hit):

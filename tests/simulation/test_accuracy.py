@@ -170,7 +170,7 @@ def test_a_motion_too_fast_for_any_step_ends_the_run(tmp_path):
     """At 1e5 rad/s the shortest sub-step, 10 us, is one radian: no accuracy, an outcome of its own, and no stall."""
     run = ffsm_mj.run(whirling(tmp_path, rate=1e5, accuracy=1e-9))
     assert run.outcome == "step_limit"
-    assert "shorter time_step_s or a larger accuracy" in run.message
+    assert "shorter time_step_s or a larger accuracy, or mend an unstable control law" in run.message
     assert_replayed(run)
 
 

@@ -28,7 +28,7 @@ from ffsm_mj.log import palette
 from ffsm_mj.log.markers import arrow_colour, declared_arrows
 from ffsm_mj.log.palette import hexadecimal, packed
 from ffsm_mj.records.kinds import kind_of
-from ffsm_mj.report.check_report import verdict
+from ffsm_mj.report.check_report import left_to_replay, verdict
 from ffsm_mj.report.momentum_report import MOMENTUM_HEAD, momentum_cells, momentum_residual
 from ffsm_mj.report.page import scene
 from ffsm_mj.report.page.phase_graph import phase_graph
@@ -105,7 +105,7 @@ def document(run: Run, drawn: PageScene, poses: Poses) -> str:
         events="\n".join(_events(run)),
         note=_escaped(_note(run, drawn, poses)),
         key="".join(_key(run, drawn)),
-        card=card_html(run.log, run.digest, checks),
+        card=card_html(run.log, run.digest, checks, "checks"),
         verdict=_escaped(_verdict(run, checks)),
         checks="\n".join(map(_check, checks)),
         momentum=_momentum(run),
@@ -235,7 +235,7 @@ def _meanings(run: Run) -> dict[int, str]:
 
 
 def _verdict(run: Run, checks: tuple[Check, ...]) -> str:
-    parts = [verdict(run, checks) if checks else "no checks"]
+    parts = [verdict(run, checks) if checks else "no checks", *filter(None, [left_to_replay(run)])]
     if not run.conservative:
         parts.append(f"energy and momenta are not checked, the run is not conservative: {run.why_not_conservative}")
     return "; ".join(parts)

@@ -389,7 +389,7 @@ def test_check_lists_what_is_disarmed_and_the_watch_leaves_it_out(tmp_path, capf
     for name, contacts, noted in (("ruled", {}, 1), ("bare", {"rules": []}, 0)):
         path = grasping(tmp_path / name, BOUNDS, contacts=contacts, duration_s=1.0)
         assert main(["check", str(path)]) == 0
-        note = "note: while 'grasp' is closed, these pairs are on one rigid body and cannot meet: "
+        note = "    while 'grasp' is closed, on one rigid body: "
         assert capfd.readouterr().out.count(note) == noted
     assert ffsm_mj.run(path).unhandled_contacts == ()
 
