@@ -75,7 +75,7 @@ class Actuation(Stateful):
         system: System,
         configs: Mapping[str, AnyActuator],
         data: Any,
-        activations: Mapping[str, float | list[float]] = MappingProxyType({}),
+        activations: Mapping[str, float | Sequence[float]] = MappingProxyType({}),
     ) -> None:
         """Resolve names and collect limits.
 

@@ -5,7 +5,7 @@ Their forces are evaluated by MuJoCo in every stage of a step, with the setpoint
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import mujoco
@@ -82,7 +82,7 @@ def begin_at_rest(model: Any, data: Any) -> FloatArray:
     return setpoints
 
 
-def set_activations(system: System, data: Any, activations: Mapping[str, float | list[float]]) -> None:
+def set_activations(system: System, data: Any, activations: Mapping[str, float | Sequence[float]]) -> None:
     """Set activations of a scenario by actuator.
 
     Raises:

@@ -295,6 +295,8 @@ def _numbers(values: FloatArray) -> str:
 
 
 _HUGE = 1e10
+_UNIT = 1e-15
+"""A quaternion is a unit one to rounding if its length differs from one by no more."""
 _LEAST_SHARE = 1e-10
 """Least eigenvalue of the mass matrix scaled to a diagonal of ones: below it, accelerations lose six digits to rounding."""
 
@@ -366,7 +368,9 @@ def _set_joint(joint: Joint, key: str, value: JointValue, target: Any) -> str:
         length = np.linalg.norm(numbers[-4:])
         if abs(length - 1.0) > 1e-3:
             return f"the quaternion (w, x, y, z) must have length 1, it has {length:.6g}"
-        numbers[-4:] /= length
+        # As MuJoCo, which leaves a length within 1e-15 of one: a logged state begins bit for bit as it was.
+        if abs(length - 1.0) > _UNIT:
+            numbers[-4:] /= length
     target[part] = numbers
     return ""
 

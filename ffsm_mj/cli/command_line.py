@@ -27,7 +27,7 @@ COMMANDS = {
     "validate": "compute published cases and closed forms and compare every number with ours",
     "fmu": "write a scenario as a functional mock-up unit (FMI 2.0) for co-simulation",
     "schema": "print the JSON Schema of scenario or campaign files",
-    "new": "generate a scenario and a scene model from a robot's MJCF or URDF file",
+    "new": "generate a scenario and a scene model from a robot's MJCF or URDF file, or from a logged state",
     "new-law": "generate a Python package with a control law of your own",
     "completion": "print a shell completion script for commands, options, scenarios and their keys",
 }
@@ -276,6 +276,13 @@ def _describe_new(new: argparse.ArgumentParser) -> None:
     )
     new.add_argument(
         "--scene", metavar="FILE", help="MJCF file with robot, objects and surroundings, whose robot is --robot BODY"
+    )
+    new.add_argument(
+        "--from",
+        dest="state",
+        type=_instant,
+        metavar="RUN@TIME",
+        help="a scenario that begins at the state of a run folder at a time in s, in numbers to change or disperse",
     )
     new.add_argument(
         "--base",
@@ -606,6 +613,18 @@ def frame_rate(text: str) -> float:
     if positive(text) > MOST_FRAMES_PER_SECOND:
         raise argparse.ArgumentTypeError(f"{text} is more than {MOST_FRAMES_PER_SECOND} frames per second")
     return float(text)
+
+
+def _instant(text: str) -> tuple[str, float]:
+    """Run folder and instant, s, of ``--from RUN@TIME``.
+
+    Raises:
+        ArgumentTypeError: The text is none.
+    """
+    run, _, time_s = text.rpartition("@")
+    if not run:
+        raise argparse.ArgumentTypeError(f"{text} is not RUN@TIME, such as logs/cap@50")
+    return run, positive(time_s)
 
 
 def positive(text: str) -> float:

@@ -24,7 +24,8 @@ def new(options: argparse.Namespace, output: Output) -> int:
         InputError: The model cannot be used, or a file exists.
     """
     with output.progress() as stage:
-        write = _new_scene if options.scene else _new_spacecraft if _is_spacecraft(options) else _new_robot
+        others = _new_scene if options.scene else _new_spacecraft if _is_spacecraft(options) else _new_robot
+        write = _new_start if options.state else others
         lines = write(options, stage)
     for line in lines:
         if line.startswith("next: "):
@@ -36,6 +37,18 @@ def new(options: argparse.Namespace, output: Output) -> int:
 
 def _is_spacecraft(options: argparse.Namespace) -> bool:
     return options.wheels is not None or options.thrusters is not None
+
+
+def _new_start(options: argparse.Namespace, stage: Stage) -> list[str]:
+    """Generate a scenario that begins at a state of a log; returns what was written, as text."""
+    from ffsm_mj.templates.logged_state import write_start
+
+    stated = {key for key, value in vars(options).items() if value not in (None, False, "", [])}
+    if others := sorted(stated - {"command", "name", "state", "out"}):
+        raise InputError(f"new: --{others[0].replace('_', '-')} has no effect with --from RUN@TIME")
+    folder, at_s = options.state
+    stage(f"read {folder}")
+    return write_start(options.name, Path(options.out), Path(folder), at_s)
 
 
 def _new_scene(options: argparse.Namespace, stage: Stage) -> list[str]:

@@ -188,7 +188,7 @@ class InitialConfig(StrictModel):
     """Coordinates by joint, rad or m; for a free joint x, y, z in m and a quaternion w, x, y, z."""
     rates: dict[Name, JointValue] = {}
     """Rates by joint, rad/s or m/s; for a free joint velocity in world axes and angular velocity in body axes."""
-    activations: dict[Name, float | list[float]] = {}
+    activations: dict[Name, JointValue] = {}
     """Activation of servos that have one, by actuator; left out: that at which the servo exerts no force."""
     frame: Literal["world", "lvlh"] = "world"
     """Axes of free joints: ``world``, with rates as an inertial observer sees them, or with an orbit ``lvlh`` at t = 0 (x
