@@ -245,11 +245,13 @@ class ContactNormal(NamedTuple):
         normal: Unit normal from a to b, world axes, (3,).
         features: Extreme points of a along the normal and of b opposite to it, (m, 3) and (n, 3).
         witness: Point midway between the witness points of the query, (3,), m.
+        gap: Separation along the normal, m.
     """
 
     normal: FloatArray
     features: tuple[FloatArray, FloatArray]
     witness: FloatArray
+    gap: float
 
 
 class NormalSearch(Stateful):
@@ -304,7 +306,7 @@ class NormalSearch(Stateful):
             normal, witness = self._nearer_queries(model, data, shapes, (normal, witness))
             features = facing(*shapes, normal)
         self._last = normal
-        return ContactNormal(normal, features, witness)
+        return ContactNormal(normal, features, witness, separation(*shapes, normal))
 
     def _nearer_queries(
         self, model: Any, data: Any, shapes: tuple[Shape, Shape], better: tuple[FloatArray, FloatArray]
@@ -375,7 +377,25 @@ class HalfSpaceNormal(NormalSearch):
         """Contact normal at the state of both geoms; see :meth:`NormalSearch.normal`."""
         normal = _of_plane(shapes)
         features = facing(*shapes, normal)
-        return ContactNormal(normal, features, 0.5 * (features[0].mean(axis=0) + features[1].mean(axis=0)))
+        middle = 0.5 * (features[0].mean(axis=0) + features[1].mean(axis=0))
+        return ContactNormal(normal, features, middle, separation(*shapes, normal))
+
+
+class SphereNormal(NormalSearch):
+    """Gap and normal of a sphere and a sphere, capsule, cylinder or box, in closed form: that of the point nearest to the centre.
+
+    Nothing is searched, and no estimate is kept.
+    """
+
+    def normal(self, model: Any, data: Any, shapes: tuple[Shape, Shape]) -> ContactNormal:  # noqa: ARG002
+        """Contact normal at the state of both geoms; see :meth:`NormalSearch.normal`."""
+        first, second = (shape.ball for shape in shapes)
+        ball, other = (first, shapes[1]) if first else (second, shapes[0])
+        assert ball
+        (centre, radius), (outward, height) = ball, other.nearest(ball[0])
+        points = (centre - radius * outward)[None], (centre - height * outward)[None]
+        gap, middle = height - radius, 0.5 * (points[0] + points[1])[0]
+        return ContactNormal(-outward, points, middle, gap) if first else ContactNormal(outward, points[::-1], middle, gap)
 
 
 def _of_plane(shapes: tuple[Shape, Shape]) -> FloatArray:

@@ -28,7 +28,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.cells import separating_normals
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.motion_bound import MotionBound
-from ffsm_mj.contact.normal import ContactNormal, HalfSpaceNormal, NormalSearch, separation
+from ffsm_mj.contact.normal import ContactNormal, HalfSpaceNormal, NormalSearch, SphereNormal, separation
 from ffsm_mj.contact.patch import caps_of, facing, flush_offset, touching_set
 from ffsm_mj.contact.proximity import FAR_M, Proximity, SecondRate, second_rate
 from ffsm_mj.contact.shape import Part, Shape, position_tolerance, side_radius
@@ -70,6 +70,8 @@ _UNSUPPORTED = {
 _SPHERE, _CYLINDER = int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)
 _BOX = int(mujoco.mjtGeom.mjGEOM_BOX)
 _ELLIPSOID, _PLANE = int(mujoco.mjtGeom.mjGEOM_ELLIPSOID), int(mujoco.mjtGeom.mjGEOM_PLANE)
+_NEAREST = {_SPHERE, _BOX, _CYLINDER, int(mujoco.mjtGeom.mjGEOM_CAPSULE)}
+"""Geoms whose point nearest to a given one is a closed form."""
 _GAP_ROUNDING_M = 1e-14
 """Rounding of a gap at the origin; it grows with the distance from there."""
 
@@ -178,7 +180,11 @@ class ContactPair(Stateful):
         self._search = self._normal_search()
 
     def _normal_search(self) -> NormalSearch:
-        search = HalfSpaceNormal if _PLANE in self._kinds else NormalSearch
+        search = NormalSearch
+        if _PLANE in self._kinds:
+            search = HalfSpaceNormal
+        elif _SPHERE in self._kinds and self._kinds <= _NEAREST:
+            search = SphereNormal
         return search(self.ids, self.size, self.flush_offset)
 
     def _check(self, system: System) -> None:
@@ -286,8 +292,7 @@ class ContactPair(Stateful):
         """
         if not self._query_scatters:
             return gap
-        shapes = self.shapes(model, data)
-        return separation(*shapes, self._contact_normal(model, data, shapes).normal)
+        return self._contact_normal(model, data, self.shapes(model, data)).gap
 
     def _contact_normal(self, model: Any, data: Any, shapes: tuple[Shape, Shape]) -> ContactNormal:
         """Contact normal at the state in ``data``, and what it was found from."""
@@ -307,13 +312,13 @@ class ContactPair(Stateful):
     def proximity(self, model: Any, data: Any) -> Proximity:
         """Gap, normal, points and rates at the state in ``data`` (kinematics and velocities current)."""
         shapes = self.shapes(model, data)
-        normal, features, witness = self._contact_normal(model, data, shapes)
+        normal, features, witness, gap = self._contact_normal(model, data, shapes)
         points = touching_set(*features, normal, CONTACT_GAP_M + self.position_tolerance, self.flush_offset)
         # Features that do not overlap in projection, as corners that are too close: the middle of the witness points serves.
         points = points if len(points) else witness[None]
         rounding = gap_rounding(points)
         rates, tolerance = self._rates(data, normal, points)
-        near = Proximity(separation(*shapes, normal), normal, points, rates, tolerance, rounding)
+        near = Proximity(gap, normal, points, rates, tolerance, rounding)
         if self.may_tie and near.gap <= CONTACT_GAP_M:
             return self._untied(shapes, data, near)
         return self._with_rims(shapes, data, near) if self.is_of(mujoco.mjtGeom.mjGEOM_CYLINDER) else near

@@ -10,6 +10,7 @@ normal only, where every point of it is extreme.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -179,6 +180,29 @@ class Shape:
         rim = np.array([[x, y, z] for x, y in points]).reshape(-1, 3)
         return np.asarray(self._position + rim @ self._rotation.T)
 
+    @property
+    def ball(self) -> tuple[FloatArray, float] | None:
+        """Centre, (3,), and radius of a sphere, m; None for other geoms."""
+        return (self._position, float(self._size[0])) if self._kind == _SPHERE else None
+
+    def nearest(self, point: FloatArray) -> tuple[FloatArray, float]:
+        """Outward unit normal where the surface of a round geom or box is nearest to a point, (3,), and the height over it, m.
+
+        A capsule or sphere is a box without width, and a cylinder a box around its axis, each with a radius.
+        """
+        (x, y, z), (a, b, c) = ((point - self._position) @ self._rotation).tolist(), self._size.tolist()
+        if self._kind == _BOX:
+            local, height = _over_box((x, y, z), (a, b, c))
+        elif self._kind == _CYLINDER:
+            radial = math.hypot(x, y)
+            (across, along), height = _over_box((radial, z), (a, b))
+            # On the axis all directions across it are equal.
+            local = (across * x / radial, across * y / radial, along) if radial > 0.0 else (across, 0.0, along)
+        else:
+            local, height = _over_box((x, y, z), (0.0, 0.0, b if self._kind == _CAPSULE else 0.0))
+            height -= a
+        return np.asarray(self._rotation @ local), height
+
     def edges(self, direction: FloatArray, width: float) -> FloatArray:
         """Directions of straight edges within ``width`` rad of perpendicular to a unit vector, (k, 3); a face has many."""
         local = self._rotation.T @ direction
@@ -276,6 +300,17 @@ class Shape:
         if (depths < -tolerance).any():
             return None
         return np.asarray(normals[depths <= tolerance] @ self._rotation.T)
+
+
+def _over_box(point: Sequence[float], half: Sequence[float]) -> tuple[tuple[float, ...], float]:
+    """Outward unit normal where a box is nearest to a point, and the height over it, m: negative within the box."""
+    beyond = [abs(x) - h for x, h in zip(point, half, strict=True)]
+    height = math.hypot(*(max(b, 0.0) for b in beyond))
+    if height > 0.0:
+        return tuple(math.copysign(max(b, 0.0) / height, x) for b, x in zip(beyond, point, strict=True)), height
+    height = max(beyond)
+    side = beyond.index(height)  # the nearest face
+    return tuple(math.copysign(float(i == side), x) for i, x in enumerate(point)), height
 
 
 def _radial(offset: FloatArray, radius: float) -> tuple[FloatArray, FloatArray]:

@@ -135,11 +135,12 @@ class PiecePair(ContactPair):
         # No direction parts two pieces better than one along which their features face each other.
         of = self.pieces, self.union.sides, data
         normal = sphere_normal(*of) if _SPHERE in self._kinds else face_normal(*of, shapes)
-        if normal is not None and separation(*shapes, normal) >= -CONTACT_GAP_M:
+        if normal is not None and (gap := separation(*shapes, normal)) >= -CONTACT_GAP_M:
             features = facing(*shapes, normal)
             if opposite(*features, normal, self.flush_offset):
                 self._search.start_from(normal)
-                return ContactNormal(normal, features, 0.5 * (features[0].mean(axis=0) + features[1].mean(axis=0)))
+                middle = 0.5 * (features[0].mean(axis=0) + features[1].mean(axis=0))
+                return ContactNormal(normal, features, middle, gap)
         return super()._contact_normal(model, data, shapes)
 
     def gap_to_rounding(self, model: Any, data: Any, gap: float) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.contact.normal import refine_normal
+from ffsm_mj.contact.normal import NormalSearch, SphereNormal, refine_normal, separation
 from ffsm_mj.contact.patch import touching_set
 from ffsm_mj.contact.shape import PARALLEL, Shape
 from ffsm_mj.errors import InputError
@@ -176,7 +176,7 @@ def test_corners_of_a_tilted_face_in_contact(tilt, touching):
 @pytest.mark.long
 @pytest.mark.parametrize("radius", [1e-3, 0.02, 0.15, 1.0])
 def test_gap_of_a_sphere_near_faces_edges_and_corners_of_a_box(tmp_path, rng, radius):
-    """Against the closed form (the centre clipped to the box), at gaps of 0 to 1e-7 m, after any earlier evaluation.
+    """The search against the closed form (the centre clipped to the box), at gaps of 0 to 1e-7 m, after any evaluation.
 
     An error d of the direction costs extent * d at a face: the tolerance of 1e-14 m, forty times the rounding of coordinates
     of 1 m, allows 1e-14 rad. Near an edge the normals of face and edge differ by the drawn angle, down to 1e-12 rad.
@@ -192,6 +192,7 @@ def test_gap_of_a_sphere_near_faces_edges_and_corners_of_a_box(tmp_path, rng, ra
         )
     )
     (pair,), model = prepared.assemble().pairs, prepared.system.mj
+    pair._search = NormalSearch(pair.ids, pair.size)  # of a sphere nothing is searched otherwise
     data = mujoco.MjData(model)
     for _ in range(100):
         across = rng.permutation(3)[: rng.integers(1, 4)]
@@ -212,6 +213,34 @@ def test_gap_of_a_sphere_near_faces_edges_and_corners_of_a_box(tmp_path, rng, ra
         centre = rotation.T @ (data.geom_xpos[0] - data.geom_xpos[1])
         true = np.linalg.norm(centre - np.clip(centre, -half, half)) - radius
         assert pair.proximity(model, data).gap == pytest.approx(true, abs=1e-14)
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+@pytest.mark.parametrize("name", ["sphere", "capsule", "cylinder", "box"])
+def test_normal_of_a_sphere_is_the_direction_of_largest_separation(rng, name, swapped):
+    """Support functions say so, which know nothing of nearest points: apart, in contact and with the centre within.
+
+    No direction separates bodies by more than their distance, so one that does by as much is the normal. Of bodies that
+    overlap no direction may do so by more. Coordinates of 1 m round to 1e-15 m.
+    """
+    geoms = [f"<geom {SHAPES[name]}/>", '<geom type="sphere" size="0.05"/>']
+    bodies = "".join(f"<body><freejoint/>{geom}</body>" for geom in (geoms[::-1] if swapped else geoms))
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
+    data, search = mujoco.MjData(model), SphereNormal((0, 1), 0.05)
+    for k in range(200):
+        data.qpos[:] = rng.normal(size=14)
+        data.qpos[[0, 1, 2]] *= 0.0 if k % 10 else 0.01
+        # Every third coordinate is that of the centre of the other: nearest to an axis, to the middle of a face.
+        data.qpos[7:10] = data.qpos[:3] + 0.2 * rng.normal(size=3) * rng.integers(0, 3, 3)
+        mujoco.mj_forward(model, data)
+        shapes = Shape(model, data, 0), Shape(model, data, 1)
+        normal, points, _, gap = search.normal(model, data, shapes)
+        assert np.linalg.norm(normal) == pytest.approx(1.0, abs=1e-15)
+        assert separation(*shapes, normal) == pytest.approx(gap, abs=2e-15)
+        assert (points[1] - points[0])[0] == pytest.approx(gap * normal, abs=2e-15)
+        directions = np.vstack((normal + 0.1 * rng.normal(size=(20, 3)), rng.normal(size=(20, 3))))
+        directions /= np.linalg.norm(directions, axis=1)[:, None]
+        assert max(separation(*shapes, direction) for direction in directions) <= gap + 1e-15
 
 
 def test_a_corner_near_the_centre_of_a_cap(rng):
