@@ -382,7 +382,7 @@ class HalfSpaceNormal(NormalSearch):
 
 
 class SphereNormal(NormalSearch):
-    """Gap and normal of a sphere and a sphere, capsule, cylinder or box, in closed form: that of the point nearest to the centre.
+    """Gap and normal of a sphere and a sphere, capsule, cylinder or box, in closed form; see :meth:`Shape.nearest`.
 
     Nothing is searched, and no estimate is kept.
     """

@@ -399,8 +399,8 @@ class ContactPair(Stateful):
     @staticmethod
     def _velocity(data: Any, body: int, root: int, points: FloatArray) -> FloatArray:
         """Velocities of points fixed to a body, (k, 3), m/s."""
-        angular, linear = data.cvel[body][:3], data.cvel[body][3:]
-        return np.asarray(linear + cross_rows(angular, points - data.subtree_com[root]))
+        twist = data.cvel[body]
+        return np.asarray(twist[3:] + cross_rows(twist[:3], points - data.subtree_com[root]))
 
 
 def _nothing() -> None:

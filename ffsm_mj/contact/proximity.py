@@ -23,6 +23,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.patch import Cap, caps_of
 from ffsm_mj.contact.shape import Shape
+from ffsm_mj.dynamics.rigid_body import cross
 from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2, CROSSING, PARALLEL
 
 FAR_M = 1.0
@@ -146,14 +147,15 @@ def second_rate_of(
         s_b: The same over B.
     """
     a, b = motions
+    turned = cross(a.omega, s_a), cross(b.omega, s_b)
     terms = (
         float(n_dot @ (b.velocity - a.velocity)),
         float(normal @ b.acceleration),
         -float(normal @ a.acceleration),
-        float(normal @ np.cross(b.omega, s_b)),
-        -float(normal @ np.cross(a.omega, s_a)),
+        float(normal @ turned[1]),
+        -float(normal @ turned[0]),
     )
-    relative = b.acceleration - a.acceleration + np.cross(b.omega, s_b) - np.cross(a.omega, s_a)
+    relative = b.acceleration - a.acceleration + turned[1] - turned[0]
     return SecondRate(sum(terms), max(map(abs, terms)), relative)
 
 
@@ -181,7 +183,7 @@ def _turning(
     caps = caps_of(*shapes, normal)
     flats = _flats(shapes, normal, points, caps, tangents)
     for k, (shape, motion, cap, flat, outward) in enumerate(zip(shapes, motions, caps, flats, (1.0, -1.0), strict=True)):
-        turn = tangents @ np.cross(motion.omega, normal)
+        turn = tangents @ cross(motion.omega, normal)
         radii = np.zeros((2, 2)) if cap else outward * tangents @ shape.radii(outward * normal) @ tangents.T
         bound = flat - (across - flat) @ radii
         rows = slice(2 * k, 2 * k + 2)

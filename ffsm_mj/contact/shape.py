@@ -186,7 +186,7 @@ class Shape:
         return (self._position, float(self._size[0])) if self._kind == _SPHERE else None
 
     def nearest(self, point: FloatArray) -> tuple[FloatArray, float]:
-        """Outward unit normal where the surface of a round geom or box is nearest to a point, (3,), and the height over it, m.
+        """Outward unit normal where the surface of a round geom or box is nearest to a point, (3,), and its height, m.
 
         A capsule or sphere is a box without width, and a cylinder a box around its axis, each with a radius.
         """

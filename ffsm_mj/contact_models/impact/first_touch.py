@@ -42,9 +42,8 @@ def first_touch(
     first = at(start)
     if first.approaches:
         return start if first.gap <= 0.0 else _falling(at, start, end, first, end_gap)
-    last = at(end)
-    level, fall = min(first.gap, 0.0), _FALL * last.rounding
-    if last.gap > level - (fall if first.gap <= 0.0 else 0.0):
+    level, ends_apart = min(first.gap, 0.0), CLEARLY_APART_M < end_gap < math.inf  # as most pairs after an impact
+    if ends_apart or (last := at(end)).gap > level - (_FALL * last.rounding if first.gap <= 0.0 else 0.0):
         return None
     # The pair separates or is at rest at the start, and its gap is lower at the end: the touch is where the gap falls back
     # to zero, or, for a pair that already overlaps by rounding, to its value at the start.
@@ -57,7 +56,7 @@ def first_touch(
         # rounding, or every evaluation would report a touch.
         if pressed(highest):
             return highest
-        level -= fall
+        level -= _FALL * last.rounding
         if last.gap > level:
             return None  # apart by rounding at the start, so that the fall to the end was not asked for above
     return root(lambda t: at(t).gap - level, (highest, top.gap - level), (end, last.gap - level), last.rounding)

@@ -40,7 +40,7 @@ from ffsm_mj.contact_models.impact.rest_rule import RestingResult, RestRule, res
 from ffsm_mj.contact_models.impact.time_of_impact import Detector
 from ffsm_mj.contact_models.interface import EventEffect, EventTime, LoggedEvent, Scene
 from ffsm_mj.contact_models.state_projection import exchange_signs
-from ffsm_mj.dynamics.rigid_body import momentum_matrix
+from ffsm_mj.dynamics.rigid_body import cross, momentum_matrix
 from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import ImpactRecord, Outcome, RunEnded
@@ -71,7 +71,7 @@ def impulses_between(system: System, impact: Impact) -> FloatArray:
             signs = exchange_signs(system, contact.body_a, contact.body_b)
             # The moment is about the world origin, as the angular momenta of the balance are: about a moving point it would
             # not be conserved.
-            impulses += np.outer(signs, np.concatenate((force, np.cross(contact.point, force))))
+            impulses += np.outer(signs, np.concatenate((force, cross(contact.point, force))))
     return impulses
 
 
@@ -110,7 +110,7 @@ def impact_records(
         if pair.is_limit:
             records.append(_at_limit(pair, near, pair.value(data), impact, i, dropped_gap=omitted[i][0], **common))
         else:
-            moment = np.cross(point - _centre(system, data, pair.body_b), vectors[i])
+            moment = cross(point - _centre(system, data, pair.body_b), vectors[i])
             records.append(_at_point(pair, near, point, moment, impact, i, dropped_gap_m=omitted[i][0], **common))
     return tuple(records)
 

@@ -123,7 +123,8 @@ def _jacobians(model: Any, data: Any, contact: Contact) -> tuple[FloatArray, Flo
 
 
 def _rows(directions: FloatArray, jac_a: FloatArray, jac_b: FloatArray) -> FloatArray:
-    terms = sum(np.linalg.norm(directions @ jacobian, axis=1) for jacobian in (jac_a, jac_b))
+    of_a, of_b = directions @ jac_a, directions @ jac_b
+    terms = np.sqrt((of_a * of_a).sum(axis=1)) + np.sqrt((of_b * of_b).sum(axis=1))
     # What is left of two parts that cancel is rounding in a random direction, and the impulse along it 1e10 times too large.
     return without_rounding(directions @ (jac_b - jac_a), terms)
 
@@ -216,11 +217,11 @@ def with_loops(J: FloatArray, qvel: FloatArray, constrained: Constrained | None)
     Args:
         J: Rows of the contacts, (m, nv).
         qvel: Velocities before, (nv,).
-        constrained: Rows less what the loops hold; None without loops.
+        constrained: Rows less what the loops hold, the same object without loops; None without loops.
     """
-    if constrained is None:
+    constrained_J = J if constrained is None else constrained(J)
+    if constrained_J is J:
         return J, qvel
-    constrained_J = constrained(J)
     # Speed at the contacts that the rows of the loops would have stopped: truncation since the last projection.
     drift = (J - constrained_J) @ qvel
     return constrained_J, qvel + np.linalg.lstsq(constrained_J, drift, rcond=RANK)[0]

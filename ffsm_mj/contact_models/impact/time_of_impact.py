@@ -458,7 +458,7 @@ class Detector(EventSource, Replayable):
             return pair.is_pressed(model, data, at(time))
 
         touch = first_touch(at, start, end, pressed, end_gap)
-        if touch is None and not pair.is_limit:
+        if touch is None and not pair.is_limit and at(start).gap < -CLEARLY_APART_M:  # none has passed otherwise
             pair.refuse_passage(at(start), at(end))
         # Two pieces that touch where other pieces cover them, or go on with a contact that is held, begin nothing.
         if touch is not None and not pair.is_limit and any(map(self._holds, pair.together)) and not at(touch).approaches:
@@ -479,11 +479,16 @@ class Detector(EventSource, Replayable):
         simple = all(motion <= pair.size for pair, motion, _ in candidates)
         if simple or depth >= _MAX_DEPTH:
             # At once for all that need it: each move integrates from the start of the step.
-            for time, least in ((b.time, -CLEARLY_APART_M), (a.time, -math.inf)):
-                self.motion.path.move_to(time)
-                for pair, _, end_gap in candidates:
-                    if end_gap >= least:
-                        self._proximity(pair, time)
+            self.motion.path.move_to(a.time)
+            first = [(pair, end_gap, self._proximity(pair, a.time)) for pair, _, end_gap in candidates]
+            # The rate at the start tells of a pair that is clearly apart at the end whether it may have touched before.
+            open_ends = [
+                p for p, end_gap, near in first if abs(end_gap) <= CLEARLY_APART_M or (end_gap > 0.0 and near.approaches)
+            ]
+            if open_ends:
+                self.motion.path.move_to(b.time)
+                for pair in open_ends:
+                    self._proximity(pair, b.time)
             touches = (self._touch_of(pair, a.time, b.time, end_gap) for pair, _, end_gap in candidates)
             return min((touch for touch in touches if touch is not None), default=None)
         self._bisections += 1
@@ -492,5 +497,5 @@ class Detector(EventSource, Replayable):
             raise UnsupportedContactError(f"bodies close at up to {fastest:.3g} m/s, too fast to be followed")
         self.motion.path.move_to(a.time + 0.5 * span)
         middle = self._sample(a.time + 0.5 * span)
-        first = self._first_in(a, middle, depth + 1)
-        return first if first is not None else self._first_in(middle, b, depth + 1)
+        touch = self._first_in(a, middle, depth + 1)
+        return touch if touch is not None else self._first_in(middle, b, depth + 1)
