@@ -27,10 +27,9 @@ def idle_late_s(duration_s: float) -> np.ndarray:
     """How late the ticks of a loop begin that does nothing in them, s."""
     clock = WallClock(1.0, None, PERIOD_S)
     late = np.zeros(round(duration_s / PERIOD_S))
-    assert clock.columns.live is not None
     clock.begin(0.0)
     for tick in range(1, len(late)):
-        clock.wait(tick * PERIOD_S, lambda: None, lambda _: None)
+        clock.wait(tick * PERIOD_S, lambda: None)
         late[tick] = clock.columns.live[0]
     return late
 

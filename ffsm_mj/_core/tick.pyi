@@ -41,8 +41,7 @@ class Sampler:
     def copy(self, copies: Sequence[tuple[FloatArray, FloatArray]]) -> None: ...
     def take(self, line: int) -> int: ...
 
-class BlockSampler(OnSample):
-    used: int
+class Collect(OnSample):
     def __init__(self, sampler: Sampler) -> None: ...
 
 class RowFiller:

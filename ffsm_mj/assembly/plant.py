@@ -34,7 +34,6 @@ from ffsm_mj.errors import Fault, Faults, ScenarioFaults
 from ffsm_mj.fields.interface import Field, field_of
 from ffsm_mj.fields.orbit import magnetic_field_of
 from ffsm_mj.fields.surroundings import Surroundings
-from ffsm_mj.log.recorder import RECORDED_ROWS
 from ffsm_mj.model.actuators import has_servos
 from ffsm_mj.model.inputs import controller_of, further_inputs
 from ffsm_mj.model.system import System
@@ -368,7 +367,6 @@ def build_plant(
         system,
         data,
         motion.momentum,
-        capacity=RECORDED_ROWS,
         actuator_work=work,
         actuator_impulse=impulse,
         field_done=None if fields is None else fields.done,

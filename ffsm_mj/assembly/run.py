@@ -32,7 +32,7 @@ from ffsm_mj.log.rerun.viewer import LiveSink, rust_log
 from ffsm_mj.log.run_folder import RECORDING, RunFolder
 from ffsm_mj.model.mujoco_process import stopped_clock
 from ffsm_mj.model.system import System
-from ffsm_mj.records.events import Event, Outcome, OutcomeRecord
+from ffsm_mj.records.events import Outcome, OutcomeRecord
 from ffsm_mj.records.metadata import (
     FORMAT_VERSION,
     conservative_metadata,
@@ -53,6 +53,8 @@ from ffsm_mj.simulation.progress import Settings
 from ffsm_mj.simulation.rows import RowWriter
 from ffsm_mj.simulation.wall_clock import prompt_process
 
+PACED_ROWS = 20
+"""Rows that a run in real time passes on at once: some 60 us for the message, and 2 us for each row."""
 _PACKAGES = ("ffsm-mj", "mujoco", "numpy", "scipy", "mcap", "rerun-sdk", "pydantic", "protobuf")
 
 
@@ -71,7 +73,7 @@ class Recording:
         with_rerun: bool = False,
         live: str | None = None,
         columns: Collection[str] | None = None,
-        tap: Callable[[Event], None] | None = None,
+        tap: Sink | None = None,
         start_s: float = 0.0,
     ) -> None:
         """Create the receivers; nothing is written yet.
@@ -82,7 +84,7 @@ class Recording:
             with_rerun: Write ``run.rrd`` into the folder.
             live: ``host:port`` of a Rerun viewer to stream to.
             columns: What a run in memory keeps of its rows, beside the time; None: all.
-            tap: Called with each event at once.
+            tap: Sink of its own for a program that steps the run.
             start_s: Time of the state from which the run goes on, s.
 
         Raises:
@@ -90,22 +92,24 @@ class Recording:
         """
         config, system, layout = assembly.scenario, assembly.system, assembly.row.layout
         clock = source_date()  # refuse a malformed date before the folder is created
+        self._folder, self._layout, self._paced = folder, layout, assembly.clock is not None
+        rows = RowWriter(assembly.row, assembly.plant.state.sampler, PACED_ROWS if self._paced else RECORDED_ROWS)
+        # A run in real time leaves it to its sinks to complete rows: no tick waits for that.
+        here, later = (None, rows.complete) if self._paced else (rows.complete, None)
         kept = len(layout.signals) if columns is None else 1 + len(columns)
+        if folder is None and later is not None:
+            kept = rows.block.shape[1]
         refuse_without_room(config.ticks, kept, folder.path if folder is not None else None)
-        self._folder, self._layout = folder, layout
         self._compiled = partial(_models, config, system, assembly.compiled.recorded)
         self._header = _header(assembly, start_s, is_whole=columns is None)
-        self._memory = MemorySink(keep_rows=folder is None, columns=columns)
-        self._stack, self._paced = ExitStack(), assembly.clock is not None
-        # Ticks of a run in real time do not wait for what can be computed from its log.
+        self._memory, self._stack = MemorySink(keep_rows=folder is None, columns=columns, complete=later), ExitStack()
+        # Nor for what can be computed from its log.
         self._digest = Digest() if not self._paced else None
         self._effort = Effort(system) if not self._paced else None
-        sinks: list[Sink] = [sink for sink in (self._memory, self._digest, self._effort) if sink is not None]
-        sinks += self._outside(system, config, live, with_rerun=with_rerun)
-        block = np.zeros((RECORDED_ROWS, len(layout.signals)))
-        rows = RowWriter(assembly.row, assembly.plant.state.sampler, block)
-        by_clock = self._paced or clock is None
-        self._recorder = Recorder(block, sinks, rows.complete, tap, by_clock=by_clock, paced=self._paced)
+        sinks: list[Sink] = [sink for sink in (tap, self._memory, self._digest, self._effort) if sink is not None]
+        outside = self._outside(system, config, live, with_rerun=with_rerun)
+        sinks += [BackgroundSink(outside, folder, later)] if outside and later is not None else outside
+        self._recorder = Recorder(rows.block, sinks, here, by_clock=self._paced or clock is None)
         contacts = assembly.contacts
         watch = ContactWatch(system.mj, assembly.data, assembly.known_pairs, contacts.unsupported, contacts.left_out)
         settings = _settings(config)
@@ -120,7 +124,7 @@ class Recording:
             sinks += file_sinks(folder, self._header, system, with_rerun=with_rerun, view_rate_hz=rate_hz, view=config.view)
         if live is not None:
             sinks.append(LiveSink(live, system, rate_hz, config.view))
-        return [BackgroundSink(sinks, folder)] if sinks and self._paced else sinks
+        return sinks
 
     def __enter__(self) -> Recording:
         """Open the log.

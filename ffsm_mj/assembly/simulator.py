@@ -212,7 +212,7 @@ class SteppedRun:
             with_rerun=with_rerun,
             live=live,
             columns=columns,
-            tap=self._tap.event,
+            tap=self._tap,
             start_s=begins_s if start_s is None else start_s,
         )
         self.simulation, self._controller = self._recording.simulation, self.assembly.controller

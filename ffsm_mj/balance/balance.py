@@ -19,7 +19,7 @@ from ffsm_mj._core.tick import StageWork, StepWork
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.balance.external import Gravity, JointMotors, external_parts
-from ffsm_mj.balance.signals import ACCOUNTS, BalanceSignals, BalanceTerms, BalanceValues, SampleBuffer
+from ffsm_mj.balance.signals import ACCOUNTS, BalanceSignals, BalanceTerms, BalanceValues, SampledStates
 from ffsm_mj.balance.springs import SpringBalance
 from ffsm_mj.balance.subsystems import (
     GraspedObjectBalance,
@@ -41,10 +41,10 @@ _OF_TREES = ACCOUNTS + GraspedObjectBalance.SIZE
 
 
 class Balance:
-    """Balance of one run: ``open`` before each (sub-)step, ``close`` after it, ``enter`` at events, ``sample`` at ticks.
+    """Balance of one run: ``open`` before each (sub-)step, ``close`` after it, ``enter`` at events.
 
-    ``sample`` copies MuJoCo's arrays; energies, momenta and residuals of many samples are then computed at once. So are the
-    energy and momentum that the robot transfers to a grasped object, which therefore cost nothing during a step.
+    Samples are copies of MuJoCo's arrays; energies, momenta and residuals of many samples are then computed at once. So are
+    the energy and momentum that the robot transfers to a grasped object, which therefore cost nothing during a step.
 
     Attributes:
         free: Which of (P, L about the origin) the base joints of (total, robot, objects) leave free, 1 or 0, (3, 6).
@@ -66,7 +66,6 @@ class Balance:
         data: Any,
         momentum: FloatArray,
         *,
-        capacity: int = 1,
         actuator_work: FloatArray | None = None,
         actuator_impulse: FloatArray | None = None,
         field_done: FloatArray | None = None,
@@ -77,7 +76,6 @@ class Balance:
             system: Robot and objects.
             data: Their state.
             momentum: Array in which M qdot is kept current, (nv,).
-            capacity: Capacity of the sample buffer.
             actuator_work: Array in which the work of the actuators in the last (sub-)step is kept, J, (number of trees,);
                 None: there are no servos.
             actuator_impulse: The same of the impulse of servos that act from outside, (P, L about the world origin),
@@ -108,11 +106,10 @@ class Balance:
             always = [*always, StageWork(field_done, self._of_trees.fields)]
         self.work = self._step_work(data, always, actuator_work, actuator_impulse)
         self.momentum = momentum
-        self._buffer = SampleBuffer(system, data, capacity, momentum, self._numbers)
+        self._sample, self._update_sample = SampledStates.live(system, data, momentum, self._numbers)
         mujoco.mj_mulM(system.mj, data, momentum, data.qvel)
-        self.columns = (
-            Columns(self._statement.signals, table=self.table, on_sample=self._buffer.on_sample, resume=self.resume),
-        )
+        signals = self._statement.signals
+        self.columns = (Columns(signals, self._sample, self._table, self._update_sample, self.resume),)
         self.resume(np.zeros(len(self._statement.signals)))
 
     def _step_work(
@@ -169,33 +166,27 @@ class Balance:
         if self._springs is not None:
             self._springs.set_elastic()
         self._energy_0, self._momentum_0 = np.zeros(3), np.zeros((3, 6))
-        self.sample()
-        start = self._balance()
+        self._update_sample(math.nan)
+        start = self._balance(self._sample[None])
         self._energy_0 = (start.energy_residual - before.energy_residual)[0]
         self._momentum_0 = (start.momentum_residual - before.momentum_residual)[0]
 
-    def sample(self) -> None:
-        """Sample the state in ``data`` and the balance terms; ``momentum`` must be current."""
-        self._buffer.on_sample(math.nan)
+    def _table(self, samples: FloatArray) -> FloatArray:
+        """Values of the columns at samples, (n, number of signals)."""
+        return self._statement.values(self._balance(samples))
 
-    def table(self) -> FloatArray:
-        """Values of the columns at all samples since the last call, (n, number of signals); empties the buffer."""
-        return self._statement.values(self._balance())
-
-    def _balance(self) -> BalanceValues:
-        """Balance of all buffered samples; empties the buffer."""
-        buffer, robot = self._buffer, self._system.robot
-        used = buffer.empty()
-        h, accounts = buffer.h[used], BalanceTerms.of(buffer.accounts[used, :ACCOUNTS])
-        for rows, gained in self._grasped_object.gained(buffer, used):
+    def _balance(self, samples: FloatArray) -> BalanceValues:
+        """Balance at samples, (n, numbers of a sample), which has begun where :meth:`resume` says."""
+        states, objects = SampledStates(self._system, samples), range(1, len(self._system.trees))
+        accounts = BalanceTerms.of(states.accounts[:, :ACCOUNTS].copy())
+        for rows, gained in self._grasped_object.gained(states):
             accounts.gained[rows] += gained.energy_J
             accounts.contact[rows] += gained.impulse
-        energy = subsystem_energies(h * buffer.rates[used], robot.dofs)
-        of_objects = sum((buffer.momenta(tree.root, used) for tree in self._system.objects), np.zeros((used.stop, 6)))
-        momentum = subsystem_momenta(buffer.momenta(robot.root, used), of_objects)
-        self._of_trees.enter(buffer.accounts[used, _OF_TREES:], accounts)
+        energy = subsystem_energies(states.h * states.rates, self._system.robot.dofs)
+        momentum = subsystem_momenta(states.momenta(0), sum(map(states.momenta, objects), np.zeros((len(samples), 6))))
+        self._of_trees.enter(states.accounts[:, _OF_TREES:], accounts)
         residuals = self._unexplained(energy - self._energy_0, momentum - self._momentum_0, accounts)
-        by_matrix = self._base.momenta(buffer.jacp[used], buffer.jacr[used], buffer.position[used], h)
+        by_matrix = self._base.momenta(states.jacp, states.jacr, states.position, states.h)
         return BalanceValues(energy, momentum, by_matrix, accounts, *residuals)
 
     def _unexplained(
@@ -266,14 +257,13 @@ class Balance:
             self.enter(exchange)
 
     def get_state(self) -> State:
-        """What has been accumulated; rows so far must have been taken by :meth:`table`."""
+        """What has been accumulated."""
         tree = self._grasped_object.tree
         return self.State(self._numbers.copy(), None if tree is None else self._system.objects.index(tree))
 
     def set_state(self, state: Any) -> None:
         """Go on from a state; ``data`` is at it."""
         saved = entries(state, ("numbers", "grasped"), "Balance")
-        self._buffer.empty()
         self.set_grasped_object(None if saved["grasped"] is None else self._system.objects[saved["grasped"]])
         self._numbers[:] = fitting(saved["numbers"], self._numbers.shape, "Balance")
 

@@ -1,10 +1,11 @@
-"""Terms of the balance, its values at samples, the signals that log them, and the buffer of samples.
+"""Terms of the balance, its values at samples, the signals that log them, and what they are computed from.
 
-The buffer holds MuJoCo's arrays, from which the balance of a block of samples is computed at once.
+That is copied from MuJoCo's arrays at each sample; the balance of a block of samples is computed at once.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from itertools import accumulate
@@ -12,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ffsm_mj._core.tick import BlockSampler, Sampler
+from ffsm_mj._core.tick import Collect, Sampler
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.dynamics.rigid_body import subtree_momenta
 from ffsm_mj.model.system import System
@@ -233,48 +234,55 @@ class BalanceSignals:
         )
 
 
-class SampleBuffer:
-    """Copies of MuJoCo's arrays at up to ``room`` states.
+class SampledStates:
+    """What the balance is computed from at n states: copies of MuJoCo's arrays and of the terms, views of one array.
 
     Attributes:
-        on_sample: Appends the current state; ``used`` is the number of samples in the buffer.
-        h: Generalised momenta, (room, nv).
-        rates: Generalised velocities, (room, nv).
-        jacp: Jacobians of the frame of the robot's base, (room, 3, nv).
-        jacr: Their angular parts, (room, 3, nv).
-        position: Positions of that frame, (room, 3), m.
-        accounts: Balance terms, then the values of the grasped object, (room, number of both).
+        trees: Velocity and place of the mass centre of each tree, and its angular momentum about that, (n, trees, 3, 3).
+        jacp: Jacobians of the frame of the robot's base, (n, 3, nv).
+        jacr: Their angular parts, (n, 3, nv).
+        position: Positions of that frame, (n, 3), m.
+        h: Generalised momenta, (n, nv).
+        rates: Generalised velocities, (n, nv).
+        accounts: Balance terms, then the values of the grasped object, (n, number of both).
     """
 
-    def __init__(self, system: System, data: Any, room: int, momentum: FloatArray, accounts: FloatArray) -> None:
-        """Bind to live arrays; the buffer is empty.
+    def __init__(self, system: System, values: FloatArray) -> None:
+        """Split the values, (n, :meth:`size` of a state)."""
+        self._system, shapes = system, self._shapes(system)
+        parts = np.split(values, tuple(accumulate(map(math.prod, shapes))), axis=1)
+        arrays = [part.reshape(-1, *shape) for part, shape in zip(parts, (*shapes, parts[-1].shape[1:]), strict=True)]
+        self.trees, self.jacp, self.jacr, self.position, self.h, self.rates, self.accounts = arrays
+
+    @staticmethod
+    def _shapes(system: System) -> tuple[tuple[int, ...], ...]:
+        nv = system.mj.nv
+        return (len(system.trees), 3, 3), (3, nv), (3, nv), (3,), (nv,), (nv,)
+
+    @classmethod
+    def live(cls, system: System, data: Any, momentum: FloatArray, accounts: FloatArray) -> tuple[FloatArray, Collect]:
+        """Array of the values of one state, and what brings it up to date.
 
         Args:
             system: Robot and objects.
             data: Their state.
-            room: Capacity in samples.
             momentum: M qdot, kept current by the caller, (nv,).
             accounts: Balance terms, then the values of the grasped object, (number of both,).
         """
-        model, root = system.mj, system.robot.root
-        self._mass = model.body_subtreemass
-        sampler = Sampler(model, data, base=root)
-        live = (
-            *(data.subtree_linvel, data.subtree_com, data.subtree_angmom, sampler.jacp, sampler.jacr),
-            *(data.xpos[root], momentum, data.qvel, accounts),
-        )
-        tables = [np.empty((room, *array.shape)) for array in live]
-        self._velocity, self._centre, self._spin, self.jacp, self.jacr, *rest = tables
-        self.position, self.h, self.rates, self.accounts = rest
-        sampler.copy(list(zip(live, tables, strict=True)))
-        self.on_sample = BlockSampler(sampler)
+        values = np.zeros(sum(map(math.prod, cls._shapes(system))) + len(accounts))
+        state, root = cls(system, values[None]), system.robot.root
+        sampler = Sampler(system.mj, data, base=root)
+        copies = [
+            (array[tree.root], state.trees[:, number, k])
+            for number, tree in enumerate(system.trees)
+            for k, array in enumerate((data.subtree_linvel, data.subtree_com, data.subtree_angmom))
+        ]
+        copies += [(sampler.jacp, state.jacp), (sampler.jacr, state.jacr), (data.xpos[root], state.position)]
+        copies += [(momentum, state.h), (data.qvel, state.rates), (accounts, state.accounts)]
+        sampler.copy(copies)
+        return values, Collect(sampler)
 
-    def empty(self) -> slice:
-        """Empty the buffer; returns the lines that were used, whose values stay until the next sample."""
-        used, self.on_sample.used = slice(0, self.on_sample.used), 0
-        return used
-
-    def momenta(self, root: int, used: slice) -> FloatArray:
-        """Momenta of the subtree of a body at the sampled states, (n, 6)."""
-        at = (used, root)
-        return subtree_momenta(float(self._mass[root]), self._velocity[at], self._centre[at], self._spin[at])
+    def momenta(self, tree: int) -> FloatArray:
+        """Momenta of a tree, the robot's first, (n, 6)."""
+        mass = float(self._system.mj.body_subtreemass[self._system.trees[tree].root])
+        return subtree_momenta(mass, *np.moveaxis(self.trees[:, tree], 1, 0))

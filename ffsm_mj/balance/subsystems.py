@@ -16,7 +16,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.balance.external import Gravity
-from ffsm_mj.balance.signals import BalanceTerms, SampleBuffer
+from ffsm_mj.balance.signals import BalanceTerms, SampledStates
 from ffsm_mj.balance.springs import SpringBalance
 from ffsm_mj.dynamics.rigid_body import subtree_momenta
 from ffsm_mj.model.system import System, Tree
@@ -230,18 +230,18 @@ class GraspedObjectBalance:
         numbers = self._accounts.entered(self._accounts.numbers, 1 + self._system.objects.index(tree))
         return now if numbers is None else now - numbers
 
-    def gained(self, buffer: SampleBuffer, used: slice) -> Iterator[tuple[Any, Exchange]]:
-        """What the grasped object has gained since the grasp began: rows of the buffer, and the exchange for all of them."""
-        rest = buffer.accounts[used, -(self.SIZE + self._accounts.numbers.size) :]
+    def gained(self, states: SampledStates) -> Iterator[tuple[Any, Exchange]]:
+        """What the grasped object has gained since the grasp began: which of the states, and the exchange in all of them."""
+        rest = states.accounts[:, -(self.SIZE + self._accounts.numbers.size) :]
         numbers, others = rest[:, : self.SIZE], rest[:, self.SIZE :]
         for number in map(int, sorted(set(numbers[:, 0].tolist()) - {0.0})):
-            tree, rows = self._system.objects[number - 1], numbers[:, 0] == number
-            energy = 0.5 * (buffer.h[used, tree.dofs] * buffer.rates[used, tree.dofs]).sum(axis=1, keepdims=True)
-            states = np.concatenate((energy, buffer.momenta(tree.root, used)), axis=1)
+            dofs, rows = self._system.trees[number].dofs, numbers[:, 0] == number
+            energy = 0.5 * (states.h[:, dofs] * states.rates[:, dofs]).sum(axis=1, keepdims=True)
+            values = np.concatenate((energy, states.momenta(number)), axis=1)
             of_tree = self._accounts.entered(others, number)
             if of_tree is not None:
-                states -= of_tree
-            yield rows, _entered(states[rows] - numbers[rows, 1:])
+                values -= of_tree
+            yield rows, _entered(values[rows] - numbers[rows, 1:])
 
 
 def _entered(change: FloatArray) -> Exchange:

@@ -112,7 +112,7 @@ class Outputs:
         self._plant = plant = assembly.plant
         live = [part for part in plant.state.columns if part.signals[0].key.startswith(_OF_STATE)]
         live += () if plant.sampler is None else plant.sampler.columns
-        self._live = [(part.signals, part.live) for part in live if part.live is not None]
+        self._live = [(part.signals, part.live) for part in live]
         self._rules = {pair.name: pair.rule for pair in assembly.pairs}
         self._forces = {rule: np.zeros(3) for rule in dict.fromkeys(self._rules.values())}
         names = record_kinds(assembly.scenario, (*assembly.pairs, *assembly.limits), plant.integrator.sources)

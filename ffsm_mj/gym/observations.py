@@ -93,13 +93,11 @@ class Values:
             return lambda seen: np.array([seen.time_s])
         if key in TIP_RATE:
             return self._tip_rate(TIP_RATE.index(key))
-        live = part.live
-        if live is None or not _is_present(part):
+        if not _is_present(part):
             raise LookupError(
                 f"{key} is computed for rows of the log only; known at any time: {', '.join(self.known_columns())}"
             )
-        values = live
-        return lambda _: values[place : place + 1].copy()
+        return lambda _: part.live[place : place + 1].copy()
 
     def known_columns(self) -> list[str]:
         """Columns that are known at any time."""
@@ -189,7 +187,7 @@ class Values:
 
 def _is_present(part: Columns) -> bool:
     """Whether the values of columns are those of the present, not only of the last row."""
-    return part.live is not None and part.on_sample is None
+    return part.table is None and part.on_sample is None
 
 
 def _split_element(rest: str) -> tuple[str, str, str]:

@@ -49,9 +49,17 @@ _CLOSED = "closed"
 class BackgroundSink(Sink):
     """Passes everything on to other sinks in a process, in order. What fails there is raised at the next call."""
 
-    def __init__(self, sinks: Sequence[Sink], folder: RunFolder | None) -> None:
-        """Bind to the sinks, and to the folder that they write, which is told its final path."""
-        self._sinks, self._folder = tuple(sinks), folder
+    def __init__(
+        self, sinks: Sequence[Sink], folder: RunFolder | None, complete: Callable[[FloatArray], FloatArray]
+    ) -> None:
+        """Bind to the sinks.
+
+        Args:
+            sinks: They.
+            folder: Folder that they write, which is told its final path.
+            complete: Makes rows of the blocks that are passed.
+        """
+        self._sinks, self._folder, self._complete = tuple(sinks), folder, complete
         self._join: Callable[[], object] | None = None
 
     def open(self, header: RunHeader) -> None:
@@ -60,7 +68,7 @@ class BackgroundSink(Sink):
         self._answers, answers = Pipe(duplex=False)
 
         def work() -> None:
-            _Worker(self._sinks, tasks, answers).work(header, self._folder)
+            _Worker(self._sinks, self._complete, tasks, answers).work(header, self._folder)
 
         if HAS_FORK:
             fcntl(self._tasks.fileno(), F_SETPIPE_SZ, _PIPE_BYTES)
@@ -137,9 +145,15 @@ class BackgroundSink(Sink):
 class _Worker:
     """Performs in another process what the sink of the run is asked to do."""
 
-    def __init__(self, sinks: Sequence[Sink], tasks: Connection, answers: Connection) -> None:
-        """Bind to the sinks, and to the ends of the pipes."""
-        self._sinks, self._tasks, self._answers = sinks, tasks, answers
+    def __init__(
+        self,
+        sinks: Sequence[Sink],
+        complete: Callable[[FloatArray], FloatArray],
+        tasks: Connection,
+        answers: Connection,
+    ) -> None:
+        """Bind to the sinks, to what makes their rows, and to the ends of the pipes."""
+        self._sinks, self._complete, self._tasks, self._answers = sinks, complete, tasks, answers
         self._received: SimpleQueue[tuple[str, tuple[Any, ...]] | None] = SimpleQueue()
         self._blocks: list[FloatArray] = []
 
@@ -183,9 +197,10 @@ class _Worker:
             if sum(map(len, self._blocks)) < RECORDED_ROWS:
                 return  # sinks take many rows at once, which costs a part of what one block by one does
         if self._blocks:
-            block, self._blocks = np.concatenate(self._blocks), []
+            blocks, self._blocks = self._blocks, []
+            rows = self._complete(np.concatenate(blocks))
             for sink in self._sinks:
-                sink.rows(block)
+                sink.rows(rows)
         if task == "close":
             for failure in close_all(self._sinks, *arguments):
                 self._answer(_portable(failure))

@@ -14,14 +14,15 @@ from ffsm_mj.records.signals import GROUPS, Layout, Signal
 
 @dataclass(frozen=True)
 class Columns:
-    """Signals of one component and the source of their values: a live array, or a table for many samples at once.
+    """Signals of one component and the source of their values: a live array, or what a table computes of its copies.
 
     Attributes:
         signals: Signals of the columns.
-        live: Current values, contiguous, (number of signals,); copied at each sample.
-        table: Alternative to ``live``: values at all samples since the last call, (n, number of signals).
-        on_sample: Called with the time in s at each sample before anything is copied, to update ``live`` or to buffer what
-            ``table`` needs.
+        live: Current values, contiguous, copied at each sample: of the columns, (number of signals,), or with ``table`` what
+            that needs, (any number,).
+        table: Computes the columns of many samples at once, (n, number of signals), of the copies of ``live`` at them,
+            (n, size). That may be done later and in another process: of nothing else that changes in a run.
+        on_sample: Called with the time in s at each sample before anything is copied, to update ``live``.
         at_state: Values at a sample under the forces that act, (number of signals,). A log replay varies these forces by
             rounding and compares; columns that do not depend on forces, or have a state, may have any constant. None: no
             column depends on forces.
@@ -31,8 +32,8 @@ class Columns:
     """
 
     signals: tuple[Signal, ...]
-    live: FloatArray | None = None
-    table: Callable[[], FloatArray] | None = None
+    live: FloatArray
+    table: Callable[[FloatArray], FloatArray] | None = None
     on_sample: Callable[[float], None] | None = None
     resume: Callable[[FloatArray], None] | None = None
     at_state: Callable[[], FloatArray] | None = None
@@ -42,11 +43,9 @@ class Columns:
         """Validate the source of values.
 
         Raises:
-            ValueError: Neither or both of ``live`` and ``table``, or a ``live`` array of the wrong size.
+            ValueError: The values of ``live`` are not those of the signals, and there is no table.
         """
-        if (self.live is None) == (self.table is None):
-            raise ValueError("columns need either a live array or a table")
-        if self.live is not None and self.live.shape != (len(self.signals),):
+        if self.table is None and self.live.shape != (len(self.signals),):
             raise ValueError(f"a live array of shape {self.live.shape} for {len(self.signals)} signals")
 
 

@@ -52,7 +52,6 @@ class ReplayedRows:
     """Recomputed rows of a plant, a block at a time.
 
     Attributes:
-        again: Recomputed rows, (lines, number of signals).
         predicted: States integrated from the samples before, (lines, nq + nv).
         forces_apart: Differences of the contact forces from independent checks, N, (lines,).
         accuracy: How far rounding of the states changes the columns by varied forces, (lines, number of signals).
@@ -70,9 +69,8 @@ class ReplayedRows:
         """
         self._plant, self._layout = plant, layout
         model = plant.system.mj
-        self.again = np.zeros((RECORDED_ROWS, len(layout.keys)))
         self.predicted, self.forces_apart = np.zeros((RECORDED_ROWS, model.nq + model.nv)), np.zeros(RECORDED_ROWS)
-        self.accuracy = np.zeros_like(self.again)
+        self.accuracy = np.zeros((RECORDED_ROWS, len(layout.keys)))
         known = plant.columns
         # They cannot be recomputed.
         controller = tuple(
@@ -80,7 +78,7 @@ class ReplayedRows:
         )
         self.copied = layout.places(signal.key for signal in controller), np.zeros(len(controller))
         row = _row_of_log([*known, Columns(controller, live=self.copied[1])], layout)
-        self._writer = RowWriter(row, plant.state.sampler, self.again)
+        self._writer = RowWriter(row, plant.state.sampler, RECORDED_ROWS)
         self.filler, self.follows_event = self._writer.filler, False
         by_part = [(part, layout.places(s.key for s in part.signals)) for part in known]
         self._at_state = [(part.at_state, places) for part, places in by_part if part.at_state]
@@ -144,19 +142,19 @@ class ReplayedRows:
         """Leave a row that has no valid state as NaN."""
         self.complete(line)
         self._completed = line + 1
-        self.again[line] = self.predicted[line] = self.forces_apart[line] = np.nan
+        self._writer.block[line] = self.predicted[line] = self.forces_apart[line] = np.nan
 
     def complete(self, line: int) -> None:
         """Compute the table columns of the rows before a line."""
         if line > self._completed:
-            self._writer.complete(self.again[self._completed : line])
+            self._writer.complete(self._writer.block[self._completed : line])
         self._completed = line
 
     def compare(self, block: FloatArray, motion: Agreement, columns: Agreement) -> FloatArray:
         """Compare a finished block with the logged one; returns the recomputed rows for the checks."""
         count, model = len(block), self._plant.system.mj
         self.complete(count)
-        again, predicted = self.again[:count].copy(), self.predicted[:count].copy()
+        again, predicted = self._writer.block[:count, : len(self._layout.keys)].copy(), self.predicted[:count].copy()
         # A quaternion and its negative are one rotation: the integrated one takes the sign of the log.
         predicted[:, : model.nq] = with_signs_of(model, predicted[:, : model.nq], block[:, self._state[: model.nq]])
         size = np.abs(predicted)

@@ -126,9 +126,7 @@ class Simulation:
             self._observed = None
             self._step_to_tick(to_event)
             if self._clock is not None:
-                self._clock.wait(
-                    self.next_tick_s if self.due is None else self.due.observation.time_s, self._poll, self._log.use
-                )
+                self._clock.wait(self.next_tick_s if self.due is None else self.due.observation.time_s, self._poll)
         self._wall_s += time.perf_counter() - started
 
     @dataclass

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from ffsm_mj._core.tick import RowFiller, Sampler
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.watch import ContactWatch
@@ -18,35 +20,46 @@ from ffsm_mj.state import to_bytes
 
 
 class RowWriter:
-    """Writes the columns of all parts to a block of rows: live arrays at each tick, tables once per block.
+    """Writes the columns of all parts to a block of rows: live arrays at each tick, what tables compute of them later.
 
     Attributes:
+        block: Rows, and behind each what tables need, (lines, number of signals and of these).
         filler: Writes the live arrays.
     """
 
-    def __init__(self, row: Row, sampler: Sampler, block: FloatArray) -> None:
+    def __init__(self, row: Row, sampler: Sampler, lines: int) -> None:
         """Bind the columns of each part.
 
         Args:
             row: Layout of a row.
             sampler: Copies live arrays.
-            block: Rows, (lines, number of signals).
+            lines: Number of rows of the block.
         """
-        live = [(part.live, row.stretches(part)) for part in row.columns if part.live is not None]
-        sampler.copy([(array[source], block[:, there]) for array, stretches in live for source, there in stretches])
+        self._signals = width = len(row.layout.signals)
+        copies: list[tuple[FloatArray, slice]] = []
+        self._tables = []
+        for part in row.columns:
+            if part.table is None:
+                copies += [(part.live[source], there) for source, there in row.stretches(part)]
+                continue
+            needed = slice(width, width + len(part.live))
+            copies, width = [*copies, (part.live, needed)], needed.stop
+            self._tables.append((part.table, needed, list(row.stretches(part))))
+        self.block = np.zeros((lines, width))
+        sampler.copy([(array, self.block[:, there]) for array, there in copies])
         self.filler = RowFiller(sampler, [part.on_sample for part in row.columns if part.on_sample is not None])
-        self._tables = [(part.table, list(row.stretches(part))) for part in row.columns if part.table is not None]
 
     def fill(self, line: int, time_s: float) -> None:
         """Write the state at a tick and the efforts set at it to a line; derived quantities must be current."""
         self.filler.fill(line, time_s)
 
-    def complete(self, block: FloatArray) -> None:
-        """Write the table columns of all rows filled since the last block."""
-        for table, stretches in self._tables:
-            values = table()[: len(block)]  # a part may have one row more, if an exception came before the row was complete
+    def complete(self, block: FloatArray) -> FloatArray:
+        """Write what tables compute into a block or a copy of one; returns its rows, a view, (n, number of signals)."""
+        for table, needed, stretches in self._tables:
+            values = table(block[:, needed])
             for source, there in stretches:
                 block[:, there] = values[:, source]
+        return block[:, : self._signals]
 
 
 class LogWriter:
@@ -88,10 +101,6 @@ class LogWriter:
     def pass_on(self) -> None:
         """Write the rows that are buffered."""
         self._recorder.pass_on()
-
-    def use(self, left_s: float) -> None:
-        """Pass on what waits, if it takes less than some wall time, s."""
-        self._recorder.use(left_s)
 
     def rest(self, progress: Progress, due: EventDue | None) -> None:
         """Write the remaining records at the end of the run, whatever its outcome."""

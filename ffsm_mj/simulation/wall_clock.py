@@ -89,19 +89,13 @@ class WallClock:
         self._began_s = time.perf_counter()
         self._zero_s = self._began_s - self._first_s * self._rate
 
-    def wait(self, time_s: float, poll: Callable[[], object], use: Callable[[float], object]) -> None:
-        """Wait until a simulation time is due.
-
-        Args:
-            time_s: The simulation time.
-            poll: May raise, to end the run.
-            use: Told the wall time that is left, s, to do in it what the run has put off.
+    def wait(self, time_s: float, poll: Callable[[], object]) -> None:
+        """Wait until a simulation time is due; ``poll`` may raise, to end the run.
 
         Raises:
             RunEnded: It is later than allowed.
         """
         self._is_first, due_s = False, self._zero_s + time_s * self._rate
-        use(due_s - time.perf_counter())
         self._values[2] = busy_s = time.perf_counter() - self._began_s
         self._values[3] += busy_s > self._most_busy_s
         while (left_s := due_s - time.perf_counter()) > _ASLEEP_S:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import mujoco
 import numpy as np
 import pytest
@@ -36,11 +38,17 @@ def held_jet(folder, step, *, seconds=1.0):
     return max(abs(energy[0]), np.abs(momentum[0]).max())
 
 
+def sampled(balance):
+    """Values of the columns now, as one row."""
+    (columns,) = balance.columns
+    columns.on_sample(math.nan)
+    return columns.table(columns.live[None])[0]
+
+
 def residuals(balance, system, data):
     """What the balance do not explain of energies (3,) and momenta (3, 6) now."""
     mujoco.mj_mulM(system.mj, data, balance.momentum, data.qvel)
-    balance.sample()
-    row, layout = balance.table()[-1], Row(balance.columns).layout
+    row, layout = sampled(balance), Row(balance.columns).layout
     energies = [f"balance.{subsystem}_energy_residual_J" for subsystem in SUBSYSTEMS]
     momenta = [f"balance.{subsystem}_residual_{component}" for subsystem in SUBSYSTEMS for component in COMPONENTS]
     return row[layout.places(energies)], row[layout.places(momenta)].reshape(3, 6)
@@ -240,18 +248,23 @@ def test_a_wrong_account_is_noticed(tmp_path):
 
 
 def test_what_is_carried_is_entered_by_its_states_and_jumps_are_not(tmp_path, rng):
-    """Rows of two objects in one block, each from where it was taken; the other object's gains are nobody's."""
+    """Samples of two objects in one block, each from where it was taken; the other object's gains are nobody's."""
     (tmp_path / "robot.xml").write_text(TUMBLER)
     for name in ("one", "other"):
         (tmp_path / f"{name}.xml").write_text(ball(name, mass=2.0))
     system = compile_paths(tmp_path / "robot.xml", {name: tmp_path / f"{name}.xml" for name in ("one", "other")})
     data = mujoco.MjData(system.mj)
-    balance = Balance(system, data, np.empty(system.mj.nv), capacity=9)
+    balance = Balance(system, data, np.empty(system.mj.nv))
     layout = Row(balance.columns).layout
     contact = layout.places(f"balance.contact_{component}" for component in COMPONENTS)
     gained = layout.places(f"balance.{subsystem}_impact_energy_J" for subsystem in SUBSYSTEMS)
     given, energy = np.zeros(6), 0.0
-    expected = []
+    samples, expected = [], []
+    (columns,) = balance.columns
+
+    def sample():
+        columns.on_sample(math.nan)
+        samples.append(columns.live.copy())
 
     def moved():
         before = states()
@@ -277,11 +290,11 @@ def test_what_is_carried_is_entered_by_its_states_and_jumps_are_not(tmp_path, rn
         for _ in range(2):
             change = moved()[k]
             energy, given = energy + change[0], given + change[1:]
-            balance.sample()
+            sample()
             expected.append([*given, 0.0, -energy, energy])
         balance.set_grasped_object(None)
         moved()  # a jump, which is booked by who makes it
-        balance.sample()
+        sample()
         expected.append(expected[-1])
-    table = balance.table()
+    table = columns.table(np.array(samples))
     np.testing.assert_allclose(table[:, [*contact, *gained]], expected, rtol=0, atol=1e-13 * np.abs(expected).max())

@@ -39,26 +39,25 @@ ROBOT = """<mujoco><option gravity="0 0 0"/><worldbody><body name="bus"><freejoi
 class Extra:
     """A part that reports what nobody has thought of: at sample n its signal k is 100 number + k + n / 8, exactly.
 
-    Live, it brings its array up to date at each sample; otherwise it keeps what it will be asked for in a table.
+    Live, it brings its array up to date at each sample; otherwise it brings up to date what its table needs: n, and a number
+    that is none of the row.
     """
 
     def __init__(self, number: int, groups: list[str], *, live: bool) -> None:
         self.signals = tuple(Signal(group, f"extra_{number}_{k}_m", "m", "added") for k, group in enumerate(groups))
         self._first, self._samples = 100.0 * number + np.arange(len(groups)), itertools.count()
-        self._now, self._kept = np.full(len(groups), np.nan), list[np.ndarray]()
-        filled = {"live": self._now} if live else {"table": self._table}
-        self.columns = Columns(self.signals, on_sample=self._note, **filled)
+        self._now = np.full(len(groups) if live else 2, np.nan)
+        self.columns = Columns(self.signals, self._now, None if live else self._table, on_sample=self._note)
 
     def at(self, sample: int) -> np.ndarray:
         return self._first + sample / 8.0
 
     def _note(self, _: float) -> None:
-        self._now[:] = self.at(next(self._samples))
-        self._kept.append(self._now.copy())
+        sample = next(self._samples)
+        self._now[:] = self.at(sample) if self.columns.table is None else (sample, -1.0)
 
-    def _table(self) -> np.ndarray:
-        kept, self._kept = self._kept, []
-        return np.array(kept)
+    def _table(self, samples: np.ndarray) -> np.ndarray:
+        return np.array([*map(self.at, samples[:, 0])])
 
 
 PARTS = st.lists(
@@ -87,22 +86,28 @@ def point(tmp_path_factory):
 @given(parts=PARTS)
 @settings(max_examples=150, deadline=None)
 def test_a_row_contains_the_columns_of_each_component(point, parts):
-    """In blocks of two rows, as the sampler fills them, and as stored in a log."""
+    """In blocks of two rows, as the sampler fills them, completed at once or all at the end, and as stored in a log."""
     columns, extras = added([Extra(9, ["state", "phase"], live=True).columns], parts)
     row = Row(columns)
-    block = np.zeros((2, len(row.layout.signals)))
-    writer = RowWriter(row, Sampler(*point), block)
+    writer = RowWriter(row, Sampler(*point), 2)
+    copies = []
     ranks = [list(GROUPS).index(signal.group) for signal in row.layout.signals]
     assert ranks == sorted(ranks)  # as a log keeps them: a message for each group
     for first in range(0, 6, 2):
         for line in range(2):
             writer.fill(line, 0.1 * (first + line))
-        writer.complete(block)
+        copies.append(writer.block.copy())
+        block = writer.complete(writer.block)
+        assert block.shape == (2, len(row.layout.signals))
         decoded = SampleCodec(row.layout).decode(SampleCodec(row.layout).encode(block))
         for rows in (block, decoded):
             for extra in extras:
                 places = row.layout.places(signal.key for signal in extra.signals)
                 np.testing.assert_array_equal(rows[:, places], [extra.at(first), extra.at(first + 1)])
+    later = writer.complete(np.concatenate(copies))
+    for extra in extras:
+        places = row.layout.places(signal.key for signal in extra.signals)
+        np.testing.assert_array_equal(later[:, places], [*map(extra.at, range(6))])
 
 
 @pytest.fixture(scope="module")
@@ -166,10 +171,8 @@ def test_plots_of_rerun_show_the_columns_of_their_names(plain):
     assert [layout.keys[i] for i in energy.columns] == ["energy.total_J", "energy.robot_J", "energy.objects_J"]
 
 
-def test_columns_without_a_source_of_values_are_refused():
+def test_columns_of_other_values_are_refused():
     one = (Signal("state", "a_m", "m", "one"),)
-    with pytest.raises(ValueError, match="need either a live array or a table"):
-        Columns(one)
     with pytest.raises(ValueError, match=r"shape \(2,\) for 1 signals"):
         Columns(one, live=np.zeros(2))
     with pytest.raises(ValueError, match=r"two signals state.a_m: one; one"):

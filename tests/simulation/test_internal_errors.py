@@ -12,7 +12,7 @@ from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.balance.balance import Balance
 from ffsm_mj.cli.main import main
 from ffsm_mj.contact.watch import ContactWatch
-from ffsm_mj.contact_models.grasp.load import LoadBuffer
+from ffsm_mj.contact_models.grasp.load import LoadSampler
 from ffsm_mj.contact_models.grasp.model import GraspModel
 from ffsm_mj.contact_models.impact.model import ImpactModel
 from ffsm_mj.contact_models.persistent.closed_contacts import ClosedContacts
@@ -37,7 +37,7 @@ PLACES = {
     "the balance, at an event": (Balance, "enter", 3),
     "the start of a step": (EventDrivenIntegrator, "_begin_step", 30),
     "a row": (RowWriter, "fill", 30),
-    "a part of a row": (LoadBuffer, "append", 30),
+    "a part of a row": (LoadSampler, "take", 30),
     "a block of rows": (RowWriter, "complete", 3),
     "the recorder": (Recorder, "commit", 20),
     "the log": (McapSink, "rows", 2),

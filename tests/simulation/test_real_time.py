@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import fcntl
-import math
 import os
 import re
 import signal
@@ -14,10 +13,12 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.assembly.run import PACED_ROWS
 from ffsm_mj.cli.main import main
 from ffsm_mj.cli.progress import Progress
 from ffsm_mj.errors import InputError
 from ffsm_mj.log import background, recorder
+from ffsm_mj.simulation.rows import RowWriter
 from tests.contact_models.grasp.test_killed import killed
 from tests.replays import assert_passes, assert_replayed
 from tests.ticks import at_each_tick
@@ -260,58 +261,24 @@ def test_the_command_says_when_a_run_ends_and_draws_no_line(tmp_path, monkeypatc
     assert re.search(r"^tap: 0\.01 s by the clock, until \d\d:\d\d:\d\d$", capsys.readouterr().err, re.MULTILINE)
 
 
-class Taken(recorder.Sink):
-    """What a sink is told, in order."""
+@pytest.mark.skipif(not background.HAS_FORK, reason="the log is written in the process of the run")
+def test_what_a_tick_does_for_the_log_is_bounded(tmp_path, monkeypatch):
+    """It sends some rows as they are; what is computed of them is done in the process of the log. All of them arrive."""
+    of_run, sent = os.getpid(), []
+    complete, rows = RowWriter.complete, background.BackgroundSink.rows
 
-    def __init__(self):
-        self.told = []
+    def elsewhere(writer, block):
+        assert os.getpid() != of_run
+        return complete(writer, block)
 
-    def rows(self, block):
-        self.told.append(block[:, 0].tolist())
+    def counted(sink, block):
+        sent.append(len(block))
+        rows(sink, block)
 
-    def event(self, event):
-        self.told.append(event)
-
-    def flush(self):
-        self.told.append("flush")
-
-
-def test_rows_and_events_wait_for_time(monkeypatch):
-    """A step is taken only where there is time for it; the order is that of the run, the tap is told at once."""
-    monkeypatch.setattr(recorder, "_FLUSH_PERIOD_S", math.inf)
-    block, sink, heard, completed = np.zeros((100, 1)), Taken(), [], []
-    paced = recorder.Recorder(block, [sink], lambda rows: completed.append(len(rows)), heard.append, paced=True)
-
-    def ticks(count, first):
-        for row in range(first, first + count):
-            block[paced.line] = row
-            paced.commit()
-            paced.use(0.0)
-
-    ticks(60, 0)
-    assert (sink.told, completed) == ([], [])
-    paced.use(1.0)
-    assert (sink.told, completed) == ([], [60])
-    ticks(2, 60)
-    paced.event("impact")
-    ticks(1, 62)
-    assert (sink.told, heard) == ([], ["impact"])
-    rows = [list(map(float, range(*ends))) for ends in ((0, 60), (60, 62), (62, 63))]
-    for _ in range(20):
-        paced.use(1.0)
-    assert sink.told == [rows[0], rows[1], "impact", rows[2], "flush"]
-    assert completed == [60, 3]
-
-
-def test_a_run_that_never_has_time_is_written(monkeypatch):
-    """Where a block is full, and where the last flush is two periods ago."""
-    block, sink = np.zeros((100, 1)), Taken()
-    paced = recorder.Recorder(block, [sink], lambda _: None, paced=True)
-    for _ in range(100):
-        paced.commit()
-        paced.use(0.0)
-    assert list(map(len, sink.told)) == [100]
-    paced.commit()
-    monkeypatch.setattr(recorder, "_FLUSH_PERIOD_S", -3600.0)
-    paced.use(0.0)
-    assert sink.told[1:] == [[0.0], "flush"]
+    monkeypatch.setattr(RowWriter, "complete", elsewhere)
+    monkeypatch.setattr(background.BackgroundSink, "rows", counted)
+    run = ffsm_mj.run("tap", PACED, out=tmp_path / "run", rerun=False)
+    assert run.outcome == "completed", run.message
+    assert sum(sent) == len(run.time) == 121
+    assert max(sent) == PACED_ROWS
+    assert_passes(run)

@@ -9,14 +9,13 @@ Load limit of a closed grasp: it opens at the first time in a step at which the 
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from ffsm_mj.arrays import FloatArray, numbers
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.grasp.closing_condition import first_at_most_zero
 from ffsm_mj.contact_models.grasp.config import LoadLimitConfig
 from ffsm_mj.contact_models.grasp.grasped_motion import GraspedMotion
@@ -26,9 +25,10 @@ from ffsm_mj.dynamics.rigid_body import cross
 from ffsm_mj.dynamics.step_path import StepPath
 
 _AFTER_VELOCITIES = int(mujoco.mjtStage.mjSTAGE_VEL)
-_NUMBERS = 19
-"""Values of a row: what is closed, torque and force about a centre, that centre, the site, forces and torques of others."""
-_NONE = bytes(8 * _NUMBERS)
+SAMPLED = 22
+"""Values of a sample: what is closed; torque and force about a centre, that centre, the site, force and torque of others;
+largest force and torque right after an event since the last sample, and its time."""
+_OF_LOAD, _BETWEEN = slice(1, 19), slice(19, 22)
 _NO_WRENCH = np.zeros(6)
 _NO_EVENT = 0.0, 0.0, math.nan
 
@@ -52,7 +52,6 @@ class InterfaceLoad:
         self._motion, self._site, self._seen, self._others = motion, site, seen, tuple(others)
         # MuJoCo gives cfrc_int as (torque, force) about the mass centre of the whole tree.
         self._raw = motion.interface, motion.centre, site
-        self._views = [numbers(part) for part in self._raw]
 
     def _refresh(self) -> FloatArray:
         """Update MuJoCo's interface force under the current efforts; returns the wrench of others on the object, (6,)."""
@@ -90,14 +89,12 @@ class InterfaceLoad:
 
     def now(self) -> FloatArray:
         """Current force in N and torque in N m, world axes, (6,)."""
-        of_others = self._refresh()
-        return np.asarray(_loads(np.concatenate((*self._raw, of_others))[None])[0])
+        return np.asarray(_loads(self.sample()[None])[0])
 
-    def raw(self) -> bytes:
-        """Current values of a row as bytes: interface torque and force, their centre, the site, wrench of others."""
+    def sample(self) -> FloatArray:
+        """Current interface torque and force, their centre, the site, wrench of others, (18,)."""
         of_others = self._refresh()
-        interface, centre, site = self._views
-        return interface.tobytes() + centre.tobytes() + site.tobytes() + of_others.tobytes()
+        return np.concatenate((*self._raw, of_others))
 
 
 class LoopLoad:
@@ -114,36 +111,32 @@ class LoopLoad:
         """Current force in N and torque in N m, world axes, (6,)."""
         return self._loops.load(self._name)
 
-    def raw(self) -> bytes:
-        """Current values of a row as bytes, as those of :meth:`InterfaceLoad.raw`."""
+    def sample(self) -> FloatArray:
+        """Current values as those of :meth:`InterfaceLoad.sample`, (18,)."""
         load = self.now()
         # Rows give the force of the latch itself, about the site: no shift of the centre, and no other wrench to take away.
-        return np.concatenate((load[3:], load[:3], self._site, self._site, _NO_WRENCH)).tobytes()
+        return np.concatenate((load[3:], load[:3], self._site, self._site, _NO_WRENCH))
 
 
-class LoadBuffer:
-    """Buffers by row what is closed and its load, and the largest load right after events between rows.
+class LoadSampler:
+    """Samples what is closed and its load, and the largest load right after events between samples.
 
     Attributes:
-        between: Largest force in N and torque in N m right after an event since the last row, and its time in s.
+        between: Largest force in N and torque in N m right after an event since the last sample, and its time in s.
     """
 
+    def __init__(self, values: FloatArray) -> None:
+        """Bind to the array that receives a sample, (SAMPLED,)."""
+        self._values, self.between = values, _NO_EVENT
+
     def get_state(self) -> tuple[float, float, float]:
-        """The largest load between rows; rows so far must have been taken by :meth:`table`."""
+        """The largest load between samples."""
         return self.between
 
     def set_state(self, state: Any) -> None:
         """Go on with a largest load."""
         force, torque, at_s = state
         self.between = force, torque, at_s
-        self._rows.clear()
-        self._between.clear()
-
-    def __init__(self) -> None:
-        """Initialise an empty buffer."""
-        self._rows: list[bytes] = []
-        self._between: list[tuple[float, float, float]] = []
-        self.between = _NO_EVENT
 
     def after_event(self, load: InterfaceLoad | LoopLoad, time_s: float) -> None:
         """Update the largest load after an event, under the efforts set there."""
@@ -152,20 +145,23 @@ class LoadBuffer:
         # Of equal loads the first one keeps its time.
         self.between = max(force, greatest), max(torque, turning), at_s if force <= greatest else time_s
 
-    def append(self, closed: int, load: InterfaceLoad | LoopLoad | None) -> None:
-        """Append a row: what is closed, as a number, and its load; 0 and None if no grasp is."""
-        self._rows.append(struct.pack("d", closed) + load.raw() if load is not None else _NONE)
-        self._between.append(self.between)
+    def take(self, closed: int, load: InterfaceLoad | LoopLoad | None) -> None:
+        """Take a sample: what is closed, as a number, and its load; 0 and None if no grasp is."""
+        self._values[0], self._values[_OF_LOAD] = closed, load.sample() if load is not None else 0.0
+        self._values[_BETWEEN] = self.between
         self.between = _NO_EVENT
 
-    def table(self) -> FloatArray:
-        """Rows since the last call: what is closed, force, torque, site (NaN if open), largest after events, (n, 13)."""
-        rows, between = np.frombuffer(b"".join(self._rows)).reshape(-1, _NUMBERS), np.array(self._between)
-        self._rows.clear()
-        self._between.clear()
-        # An open grasp has no point at which a force acts: NaN, not the origin.
-        number, site = rows[:, :1], np.where(rows[:, :1] > 0.0, rows[:, 10:13], np.nan)
-        return np.concatenate((number, _loads(rows[:, 1:]), site, between.reshape(-1, 3)), axis=1)
+
+def load_rows(samples: FloatArray) -> FloatArray:
+    """Rows of samples: what is closed, force, torque, site (NaN if open), largest after events, (n, 13).
+
+    Args:
+        samples: Values of :class:`LoadSampler`, (n, SAMPLED).
+    """
+    loads = samples[:, _OF_LOAD]
+    # An open grasp has no point at which a force acts: NaN, not the origin.
+    number, site = samples[:, :1], np.where(samples[:, :1] > 0.0, loads[:, 9:12], np.nan)
+    return np.concatenate((number, _loads(loads), site, samples[:, _BETWEEN]), axis=1)
 
 
 def _loads(raw: FloatArray) -> FloatArray:

@@ -20,7 +20,7 @@ from ffsm_mj.contact_models.grasp.closing import ClosedGrasps, near_miss
 from ffsm_mj.contact_models.grasp.closing_condition import Nearness
 from ffsm_mj.contact_models.grasp.config import GraspConfig
 from ffsm_mj.contact_models.grasp.latch import Latch
-from ffsm_mj.contact_models.grasp.load import LoadBuffer
+from ffsm_mj.contact_models.grasp.load import SAMPLED, LoadSampler, load_rows
 from ffsm_mj.contact_models.grasp.loops import LoopForces
 from ffsm_mj.contact_models.grasp.records import KINDS, ArmingRecord, GraspRecord, ReleaseRecord
 from ffsm_mj.contact_models.interface import (
@@ -59,49 +59,50 @@ class LoadReport:
         """
         sets = load_columns([latch.grasp for latch in latches])
         self._latches, self._closed, self._alone = tuple(latches), closed, len(sets) == 1
-        self._buffers = [LoadBuffer() for _ in sets]
-        self._logged = np.zeros(len(sets))
+        self._samples, self._logged = np.zeros(SAMPLED * len(sets)), np.zeros(len(sets))
+        self._samplers = [LoadSampler(values) for values in np.split(self._samples, len(sets))]
         signals = tuple(signal for columns in sets for signal in columns.signals)
-        self.columns = Columns(signals, None, self._table, self._write, self._resume, self._at_state, self._at_event)
+        self.columns = Columns(signals, self._samples, self._table, self._take, self._resume, self._at_state, self._at_event)
 
     def get_state(self) -> list[Any]:
         """The largest loads between rows, by set of columns."""
-        return [buffer.get_state() for buffer in self._buffers]
+        return [sampler.get_state() for sampler in self._samplers]
 
     def set_state(self, state: Any) -> None:
         """Go on with these loads."""
-        for buffer, values in zip(self._buffers, state, strict=True):
-            buffer.set_state(values)
+        for sampler, values in zip(self._samplers, state, strict=True):
+            sampler.set_state(values)
 
-    def _now(self) -> list[tuple[LoadBuffer, int, Latch | None]]:
+    def _now(self) -> list[tuple[LoadSampler, int, Latch | None]]:
         """Each set of columns with what is closed of it."""
         if self._alone:
             latch = self._closed.latches[0] if self._closed.latches else None
-            return [(self._buffers[0], latch.number if latch is not None else 0, latch)]
+            return [(self._samplers[0], latch.number if latch is not None else 0, latch)]
         # Grasps of different sites may be closed at once: each has columns, with its place in the order of closing.
         places = [(latch, self._closed.order_of(latch)) for latch in self._latches]
         return [
-            (buffer, place, latch if place else None) for buffer, (latch, place) in zip(self._buffers, places, strict=True)
+            (sampler, place, latch if place else None)
+            for sampler, (latch, place) in zip(self._samplers, places, strict=True)
         ]
 
     def after_event(self, time_s: float) -> None:
         """Record the loads after an event, since they may change discontinuously."""
-        for buffer, _, latch in self._now():
+        for sampler, _, latch in self._now():
             if latch is not None:
                 # The efforts decided at an event act from there on: a peak right after it lies between two rows.
-                buffer.after_event(latch.load, time_s)
+                sampler.after_event(latch.load, time_s)
 
-    def _write(self, _: float) -> None:
-        """Record what is closed, and loads under the efforts of the next step."""
-        for buffer, closed, latch in self._now():
-            buffer.append(closed, latch.load if latch is not None else None)
+    def _take(self, _: float) -> None:
+        """Sample what is closed, and loads under the efforts of the next step."""
+        for sampler, closed, latch in self._now():
+            sampler.take(closed, latch.load if latch is not None else None)
 
-    def _table(self) -> FloatArray:
-        return np.concatenate([buffer.table() for buffer in self._buffers], axis=1)
+    def _table(self, samples: FloatArray) -> FloatArray:
+        return np.concatenate([*map(load_rows, np.split(samples, len(self._samplers), axis=1))], axis=1)
 
     def _at_state(self) -> FloatArray:
         """Loads under the efforts in ``data``, and zeros in the other columns."""
-        values = np.zeros((len(self._buffers), SIGNALS_PER_SET))
+        values = np.zeros((len(self._samplers), SIGNALS_PER_SET))
         for row, (_, _, latch) in zip(values, self._now(), strict=True):
             if latch is not None:
                 row[1:7] = latch.load.now()
@@ -116,11 +117,11 @@ class LoadReport:
         return values.reshape(-1)
 
     def _resume(self, values: FloatArray) -> None:
-        for i, buffer in enumerate(self._buffers):
+        for i, sampler in enumerate(self._samplers):
             part = values[i * SIGNALS_PER_SET : (i + 1) * SIGNALS_PER_SET]
             self._logged[i] = part[0]
             force, torque, at_s = part[-3:].tolist()
-            buffer.between = force, torque, at_s if force > 0.0 else math.nan
+            sampler.between = force, torque, at_s if force > 0.0 else math.nan
 
     def logged_as_closed(self) -> list[Latch]:
         """The grasps that were closed by the values from which a run or a replay goes on, in the order of closing."""

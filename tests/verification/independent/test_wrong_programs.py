@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from zlib import crc32
 
 import numpy as np
@@ -59,15 +58,15 @@ def test_the_sign_of_the_heat_of_friction(tmp_path, monkeypatch):
 
 
 def test_a_load_one_tick_late(tmp_path, monkeypatch):
-    class Late(load.LoadBuffer):
-        def append(self, closed, of):
-            row = struct.pack("d", closed) + of.raw() if of is not None else load._NONE
-            before, self._before = getattr(self, "_before", row), row
-            self._rows.append(row if load._NONE in (row, before) else before)
-            self._between.append(self.between)
-            self.between = load._NO_EVENT
+    class Late(load.LoadSampler):
+        def take(self, closed, of):
+            super().take(closed, of)
+            now = self._values[:19].copy()
+            before, self._before = getattr(self, "_before", now), now
+            if closed and before[0]:
+                self._values[:19] = before
 
-    monkeypatch.setattr("ffsm_mj.contact_models.grasp.model.LoadBuffer", Late)
+    monkeypatch.setattr("ffsm_mj.contact_models.grasp.model.LoadSampler", Late)
     assert caught(holding(tmp_path)) == {"grasp load"}
 
 
