@@ -94,22 +94,22 @@ class Recording:
         clock = source_date()  # refuse a malformed date before the folder is created
         self._folder, self._layout, self._paced = folder, layout, assembly.clock is not None
         rows = RowWriter(assembly.row, assembly.plant.state.sampler, PACED_ROWS if self._paced else RECORDED_ROWS)
-        # A run in real time leaves it to its sinks to complete rows: no tick waits for that.
-        here, later = (None, rows.complete) if self._paced else (rows.complete, None)
+        # Ticks of a run in real time wait neither for rows to be completed nor for what can be computed from its log.
+        postponed = rows.complete if self._paced else None
         kept = len(layout.signals) if columns is None else 1 + len(columns)
-        if folder is None and later is not None:
+        if folder is None and self._paced:
             kept = rows.block.shape[1]
         refuse_without_room(config.ticks, kept, folder.path if folder is not None else None)
         self._compiled = partial(_models, config, system, assembly.compiled.recorded)
         self._header = _header(assembly, start_s, is_whole=columns is None)
-        self._memory, self._stack = MemorySink(keep_rows=folder is None, columns=columns, complete=later), ExitStack()
-        # Nor for what can be computed from its log.
+        self._memory, self._stack = MemorySink(keep_rows=folder is None, columns=columns, complete=postponed), ExitStack()
         self._digest = Digest() if not self._paced else None
         self._effort = Effort(system) if not self._paced else None
         sinks: list[Sink] = [sink for sink in (tap, self._memory, self._digest, self._effort) if sink is not None]
         outside = self._outside(system, config, live, with_rerun=with_rerun)
-        sinks += [BackgroundSink(outside, folder, later)] if outside and later is not None else outside
-        self._recorder = Recorder(rows.block, sinks, here, by_clock=self._paced or clock is None)
+        sinks += [BackgroundSink(outside, folder, postponed)] if outside and postponed is not None else outside
+        complete, by_clock = None if self._paced else rows.complete, self._paced or clock is None
+        self._recorder = Recorder(rows.block, sinks, complete, by_clock=by_clock)
         contacts = assembly.contacts
         watch = ContactWatch(system.mj, assembly.data, assembly.known_pairs, contacts.unsupported, contacts.left_out)
         settings = _settings(config)

@@ -202,7 +202,7 @@ class MemorySink(Sink):
         if rows is None:
             rows = np.concatenate(self.blocks) if self.blocks else np.empty((0, len(self.header.layout.signals)))
             if self.blocks and self.complete is not None:
-                rows = self.complete(rows)[:, self._places].copy()
+                rows = self.complete(rows)[:, self._places]
         return RunLog(self.header, rows, tuple(self.events), self.outcome)
 
 

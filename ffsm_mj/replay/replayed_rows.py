@@ -69,8 +69,9 @@ class ReplayedRows:
         """
         self._plant, self._layout = plant, layout
         model = plant.system.mj
+        self._again = np.zeros((RECORDED_ROWS, len(layout.keys)))
         self.predicted, self.forces_apart = np.zeros((RECORDED_ROWS, model.nq + model.nv)), np.zeros(RECORDED_ROWS)
-        self.accuracy = np.zeros((RECORDED_ROWS, len(layout.keys)))
+        self.accuracy = np.zeros_like(self._again)
         known = plant.columns
         # They cannot be recomputed.
         controller = tuple(
@@ -142,19 +143,20 @@ class ReplayedRows:
         """Leave a row that has no valid state as NaN."""
         self.complete(line)
         self._completed = line + 1
-        self._writer.block[line] = self.predicted[line] = self.forces_apart[line] = np.nan
+        self._again[line] = self.predicted[line] = self.forces_apart[line] = np.nan
 
     def complete(self, line: int) -> None:
         """Compute the table columns of the rows before a line."""
         if line > self._completed:
-            self._writer.complete(self._writer.block[self._completed : line])
+            lines = slice(self._completed, line)
+            self._again[lines] = self._writer.complete(self._writer.block[lines])
         self._completed = line
 
     def compare(self, block: FloatArray, motion: Agreement, columns: Agreement) -> FloatArray:
         """Compare a finished block with the logged one; returns the recomputed rows for the checks."""
         count, model = len(block), self._plant.system.mj
         self.complete(count)
-        again, predicted = self._writer.block[:count, : len(self._layout.keys)].copy(), self.predicted[:count].copy()
+        again, predicted = self._again[:count].copy(), self.predicted[:count].copy()
         # A quaternion and its negative are one rotation: the integrated one takes the sign of the log.
         predicted[:, : model.nq] = with_signs_of(model, predicted[:, : model.nq], block[:, self._state[: model.nq]])
         size = np.abs(predicted)

@@ -54,12 +54,13 @@ class RowWriter:
         self.filler.fill(line, time_s)
 
     def complete(self, block: FloatArray) -> FloatArray:
-        """Write what tables compute into a block or a copy of one; returns its rows, a view, (n, number of signals)."""
+        """Rows of a block or of a copy of one, with what tables compute, (n, number of signals)."""
+        rows = block[:, : self._signals].copy()
         for table, needed, stretches in self._tables:
             values = table(block[:, needed])
             for source, there in stretches:
-                block[:, there] = values[:, source]
-        return block[:, : self._signals]
+                rows[:, there] = values[:, source]
+        return rows
 
 
 class LogWriter:
