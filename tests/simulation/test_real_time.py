@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.assembly.run import PACED_ROWS
+from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.assembly.run import PACED_ROWS, simulate
 from ffsm_mj.cli.main import main
 from ffsm_mj.cli.progress import Progress
 from ffsm_mj.errors import InputError
@@ -50,6 +51,16 @@ def test_a_run_takes_its_time_and_is_the_same(tmp_path):
     assert summary["ticks"] == len(run.time)
     assert summary["overruns"] == run["clock.overruns"][-1]
     assert summary["late_most_s"] == run["clock.late_s"].max()
+
+
+@pytest.mark.parametrize("columns", [None, ("energy.total_J", "state.time_s")])
+def test_a_run_in_memory_is_the_same(columns):
+    """Its rows are completed when they are asked for."""
+    run = simulate(prepare("tap", TAP | {"realtime.factor": 16.0}).assemble(), columns=columns)
+    free = ffsm_mj.run("tap", TAP)
+    assert len(run.keys) == (len(columns) if columns else len(free.keys) + 4)
+    for key in columns or free.keys:
+        assert np.array_equal(run[key], free[key], equal_nan=True), key
 
 
 def test_steps_of_a_simulator_end_with_the_clock():
