@@ -6,7 +6,8 @@ unions are therefore these polytopes, in the axes of a geom or body.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -59,20 +60,38 @@ class Polytope:
         starts = self.vertices[ends[:, 0]]
         return starts, self.vertices[ends[:, 1]] - starts
 
-    def outward(self, point: FloatArray) -> FloatArray | None:
-        """Unit vector to a point, (3,), from the nearest one of the polytope; None for a point within it."""
-        heights = self.normals @ point - self.offsets
+    def outward(self, segment: FloatArray) -> Iterator[FloatArray]:
+        """Unit vectors along which a segment may be nearest, (3,): of a face that it is over, else from an edge or corner.
+
+        Args:
+            segment: Its ends, (2, 3), m; a point is both of them.
+        """
+        over = segment @ self.normals.T - self.offsets
+        heights = over.min(axis=0)
         k = int(np.argmax(heights))
-        if heights[k] <= 0.0:
-            return None
-        if (self.normals @ (point - heights[k] * self.normals[k]) - self.offsets).max() <= MERGED_M:
-            return np.asarray(self.normals[k])
+        height, lowest = float(heights[k]), segment[int(np.argmin(over[:, k]))]
+        if height <= 0.0 or (self.normals @ (lowest - height * self.normals[k]) - self.offsets).max() <= MERGED_M:
+            yield self.normals[k]
+            return
+        offset = self._from_edges(segment)
+        length = math.hypot(*offset)
+        if length <= height + MERGED_M:  # it crosses the edges of the face, or ends over one of them
+            yield self.normals[k]
+        yield offset / length
+
+    def _from_edges(self, segment: FloatArray) -> FloatArray:
+        """Shortest vector from the edges to a segment, m, (3,)."""
         starts, spans = self._segments
-        shares = np.einsum("ei,ei->e", point - starts, spans) / np.einsum("ei,ei->e", spans, spans)
-        offsets = point - starts - np.minimum(np.maximum(shares, 0.0), 1.0)[:, None] * spans
-        lengths = np.sqrt(np.einsum("ei,ei->e", offsets, offsets))
-        nearest = int(np.argmin(lengths))
-        return np.asarray(offsets[nearest] / lengths[nearest])
+        along, apart = segment[1] - segment[0], segment[0] - starts
+        a, e = float(along @ along), np.einsum("ei,ei->e", spans, spans)
+        b, c, f = spans @ along, apart @ along, np.einsum("ei,ei->e", spans, apart)
+        # Ericson, Real-Time Collision Detection, sec. 5.1.9. Parallel lines are as near anywhere, a point at 0.
+        across = a * e - b * b
+        s = np.clip((b * f - c * e) / np.where(across > 0.0, across, 1.0), 0.0, 1.0)
+        t = np.clip((b * s + f) / e, 0.0, 1.0)
+        s = np.clip((b * t - c) / (a if a > 0.0 else 1.0), 0.0, 1.0)
+        offsets = apart + s[:, None] * along - t[:, None] * spans
+        return np.asarray(offsets[int(np.argmin(np.einsum("ei,ei->e", offsets, offsets)))])
 
     @property
     def volume(self) -> float:

@@ -166,17 +166,44 @@ def test_normals_at():
     assert len(cube.normals_at(np.array([0.5 + 2e-9, 0.0, 0.0]), 3e-9)) == 1
 
 
-def test_the_direction_from_the_nearest_point(rng):
-    """Proof of optimality: a plane across it has all of the polytope behind it, and passes through a point of it."""
-    of_faces = 0
-    for _ in range(200):
-        polytope, point = random_hull(rng), 3.0 * rng.normal(size=3)
-        outward = polytope.outward(point)
-        if outward is None:
-            assert (polytope.normals @ point <= polytope.offsets).all()
+def parted(solid: Polytope, segment: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """Separations of a segment and a polytope along unit vectors, (n, 3), m, (n,)."""
+    return (directions @ segment.T).min(axis=1) - (directions @ solid.vertices.T).max(axis=1)
+
+
+@pytest.mark.parametrize("kind", ["across", "along an edge", "over a face", "point"])
+def test_no_direction_parts_a_segment_better(kind):
+    """The separation is concave in the direction where it is positive: a local maximum is the greatest, the distance.
+
+    One of the vectors is it. Directions 1e-3 and 1e-6 rad beside that one part the two by no more than rounding further.
+    """
+    rng = np.random.default_rng(11)
+    corners = np.zeros(4, dtype=int)
+    for _ in range(150):
+        solid = random_hull(rng)
+        middle = rng.normal(size=3)
+        middle *= (1.5 + 3.0 * rng.random()) * np.linalg.norm(solid.vertices, axis=1).max() / np.linalg.norm(middle)
+        span = rng.normal(size=3) * (0.0 if kind == "point" else 2.0)
+        if kind == "along an edge":
+            a, b, *_ = solid.edges[int(rng.integers(len(solid.edges)))]
+            span = solid.vertices[b] - solid.vertices[a]
+        if kind == "over a face":
+            k = int(rng.integers(len(solid.faces)))
+            centre, normal = solid.vertices[list(solid.faces[k])].mean(axis=0), solid.normals[k]
+            middle, span = centre + rng.random() * normal, 3.0 * (span - (span @ normal) * normal)
+        segment = np.stack((middle - span, middle + span))
+        found = np.array(list(solid.outward(segment)))
+        if kind == "over a face":  # bit for bit, be it that the segment ends beyond it on both sides
+            np.testing.assert_array_equal(found[0], normal)
+        apart = parted(solid, segment, found)
+        best = found[int(np.argmax(apart))]
+        if apart.max() <= 0.0:
             continue
-        assert np.linalg.norm(outward) == pytest.approx(1.0, abs=ROUNDING)
-        foot = point - (outward @ point - (polytope.vertices @ outward).max()) * outward
-        assert (polytope.normals @ foot - polytope.offsets).max() < 10.0 * ROUNDING
-        of_faces += any(outward is normal or (outward == normal).all() for normal in polytope.normals)
-    assert 20 < of_faces < 180
+        heights = solid.vertices @ best
+        corners[min(int((heights >= heights.max() - 1e-9).sum()), 3)] += 1
+        for turn in (1e-3, 1e-6):
+            beside = best + turn * rng.normal(size=(200, 3))
+            beside /= np.linalg.norm(beside, axis=1)[:, None]
+            assert parted(solid, segment, beside).max() <= apart.max() + 10.0 * ROUNDING
+    # It is nearest to corners and edges, and where it lies over a face to nothing else.
+    assert (corners[3] if kind == "over a face" else min(corners[1:3])) > 20

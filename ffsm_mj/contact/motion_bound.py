@@ -31,6 +31,9 @@ import numpy.typing as npt
 
 from ffsm_mj.arrays import FloatArray
 
+_SPHERE, _CAPSULE, _CYLINDER = map(
+    int, (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_CYLINDER)
+)
 _MARGIN = 1.1
 """Safety factor: rotations and accelerations within a step may exceed what the states at its ends show."""
 _INERTIA_ROUNDING = 1e-14
@@ -38,7 +41,7 @@ _INERTIA_ROUNDING = 1e-14
 
 
 class MotionBound:
-    """Bounds the closing speed of two geoms by their bounding spheres."""
+    """Bounds the closing speed of two geoms by their bounding spheres and axes of symmetry."""
 
     def __init__(self, model: Any, geoms: tuple[int, int]) -> None:
         """Look up bodies and bounding radii.
@@ -47,19 +50,30 @@ class MotionBound:
             model: MuJoCo model.
             geoms: Ids of both geoms.
         """
-        self._geoms = [(geom, int(model.geom_bodyid[geom]), float(model.geom_rbound[geom])) for geom in geoms]
+        self._geoms = [(geom, int(model.geom_bodyid[geom]), _reach(model, geom)) for geom in geoms]
         self._roots = [int(model.body_rootid[body]) for _, body, _ in self._geoms]
+        self._are_round = [int(model.geom_type[geom]) in (_CAPSULE, _CYLINDER) for geom in geoms]
 
     def closing_speed(self, data: Any) -> float:
         """Bound on the closing speed for the velocities in ``data``, m/s.
 
-        Relative speed of the centres plus, for each geom, angular speed times bounding radius.
+        Relative speed of the centres plus, for each geom, angular speed times reach. Turning about an axis of symmetry does
+        not move a geom.
         """
-        (geom_1, body_1, radius_1), (geom_2, body_2, radius_2) = self._geoms
-        root_1, root_2 = self._roots
-        v1, w1 = _centre_motion(data, body_1, root_1, geom_1)
-        v2, w2 = _centre_motion(data, body_2, root_2, geom_2)
-        return _MARGIN * (math.dist(v1, v2) + w1 * radius_1 + w2 * radius_2)
+        (geom_1, body_1, reach_1), (geom_2, body_2, reach_2) = self._geoms
+        (root_1, root_2), (is_round_1, is_round_2) = self._roots, self._are_round
+        v1, w1 = _centre_motion(data, body_1, root_1, geom_1, is_round=is_round_1)
+        v2, w2 = _centre_motion(data, body_2, root_2, geom_2, is_round=is_round_2)
+        return _MARGIN * (math.dist(v1, v2) + w1 * reach_1 + w2 * reach_2)
+
+
+def _reach(model: Any, geom: int) -> float:
+    """Greatest distance from the centre of a geom at which turning moves its surface along the normal, m.
+
+    The surface of a sphere or capsule is at one distance from its middle or axis, along the normal.
+    """
+    kind = int(model.geom_type[geom])
+    return 0.0 if kind == _SPHERE else float(model.geom_size[geom, 1] if kind == _CAPSULE else model.geom_rbound[geom])
 
 
 class Sized(Protocol):
@@ -96,12 +110,17 @@ def speeds_per_root_energy(model: Any, data: Any, pairs: Sequence[Sized]) -> Flo
     return np.asarray(np.hypot(*np.array(speeds).reshape(-1, 2).T))
 
 
-def _centre_motion(data: Any, body: int, root: int, geom: int) -> tuple[tuple[float, float, float], float]:
-    """Velocity of a geom's centre in m/s and its angular speed in rad/s."""
+def _centre_motion(
+    data: Any, body: int, root: int, geom: int, *, is_round: bool
+) -> tuple[tuple[float, float, float], float]:
+    """Velocity of a geom's centre in m/s, and its angular speed in rad/s: of round ones, that of their z axis."""
     # cvel is (angular, linear) about the centre of mass of the tree; plain floats are faster than arrays of three.
     wx, wy, wz, vx, vy, vz = data.cvel[body].tolist()
     x, y, z = (data.geom_xpos[geom] - data.subtree_com[root]).tolist()
     velocity = (vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x)
+    if is_round:
+        x, y, z = data.geom_xmat[geom, 2::3].tolist()
+        wx, wy, wz = wy * z - wz * y, wz * x - wx * z, wx * y - wy * x
     return velocity, math.sqrt(wx * wx + wy * wy + wz * wz)
 
 

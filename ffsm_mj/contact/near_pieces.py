@@ -124,13 +124,3 @@ def face_normal(
         return None
     normals, (a, b) = np.concatenate(faces), shapes
     return np.asarray(normals[int(np.argmin(a.extents(normals) + b.extents(-normals)))])
-
-
-def sphere_normal(pieces: tuple[Piece, Piece], sides: tuple[Side, Side], data: Any) -> FloatArray | None:
-    """Normal from a to b if one is a sphere, world axes, (3,); None if its middle is in the other one, or that is round."""
-    for piece, side, other, sense in zip(pieces, sides, pieces[::-1], (1.0, -1.0), strict=True):
-        if piece.polytope is not None:
-            axes = data.xmat[side.body].reshape(3, 3)
-            outward = piece.polytope.outward((data.geom_xpos[other.geom] - data.xpos[side.body]) @ axes)
-            return None if outward is None else np.asarray(sense * axes @ outward)
-    return None

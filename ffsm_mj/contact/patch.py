@@ -97,6 +97,9 @@ def onto_caps(one: Cap, other: Cap, points: FloatArray, other_points: FloatArray
 
 _KINDS = {1: "point", 2: "edge"}
 
+_WIDE = 1e-6
+"""Ratio of the moments of places across and along their longest direction, above which their plane is known to 1e-10 of
+their rises by Cramer's rule: they are level to PARALLEL."""
 _Polygon = list[list[float]]
 """Corners of a convex polygon in order, a segment or a point: few numbers, with which lists are faster than arrays."""
 
@@ -234,9 +237,17 @@ def _axes_across(normal: FloatArray) -> FloatArray:
 
 def _heights(heights: FloatArray, places: FloatArray, corners: FloatArray) -> FloatArray:
     """Heights at the corners of the line or plane fitted to places of known height, (k,)."""
-    middle = places.mean(axis=0)
-    slope = np.linalg.lstsq(places - middle, heights - heights.mean(), rcond=None)[0]
-    return np.asarray(heights.mean() + (corners - middle) @ slope)
+    middle, level = places.mean(axis=0), heights.mean()
+    offsets, rises = places - middle, heights - level
+    ((a, b), (_, c)), (u, v) = (offsets.T @ offsets).tolist(), (offsets.T @ rises).tolist()
+    det, square = a * c - b * b, a + c
+    if len(places) == 2:
+        slope = np.array((u / square, v / square))  # both offsets are on one line
+    elif det > _WIDE * square * square:
+        slope = np.array(((c * u - b * v) / det, (a * v - b * u) / det))
+    else:
+        slope = np.linalg.lstsq(offsets, rises, rcond=None)[0]
+    return np.asarray(level + (corners - middle) @ slope)
 
 
 def _inside(p: list[float], polygon: _Polygon, reach: float) -> bool:

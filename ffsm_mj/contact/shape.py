@@ -101,6 +101,11 @@ class Shape:
         """Radius of the side of a capsule or cylinder, m; 0 for other geoms."""
         return side_radius(self._model, self._geom)
 
+    def core(self) -> FloatArray:
+        """Ends of the axis of a capsule, the middle of a sphere twice, m, (2, 3)."""
+        half = (self._size[1] if self._kind == _CAPSULE else 0.0) * self.axis
+        return np.stack((self._position - half, self._position + half))
+
     def extreme(self, direction: FloatArray, width: float = 0.0, tolerance: float = 0.0) -> FloatArray:
         """All extreme points along a unit vector, (k, 3).
 

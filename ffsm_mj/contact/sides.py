@@ -159,7 +159,9 @@ class Side:
         return np.concatenate(extents)
 
     def at(self, point: FloatArray, reach: float) -> list[Piece]:
-        """Pieces whose boxes are within a reach of a point, axes of the body, m."""
+        """Pieces whose boxes are within a reach of a point, axes of the body, m; without others the one that there is."""
+        if len(self.pieces) == 1:
+            return list(self.pieces)
         return [self.pieces[k] for k in self.tree.near(point, point, reach).tolist()]
 
     def local(self, data: Any, point: FloatArray) -> FloatArray:
@@ -168,13 +170,16 @@ class Side:
 
     def surfaces_at(self, model: Any, data: Any, point: FloatArray, reach: float) -> dict[Piece, FloatArray]:
         """Pieces that have a point, world axes, on their surface, within a reach in m, with the normals there."""
-        rotation, there = data.xmat[self.body].reshape(3, 3), {}
-        for piece in self.at(self.local(data, point), reach):
-            normals = Shape(model, data, piece.geom, piece.part).normals_at(point, reach)
-            if normals is not None:
-                exposed = [normal for normal in normals if not self.is_covered(piece, normal @ rotation)]
-                if exposed:
-                    there[piece] = np.array(exposed)
+        rotation, local, there = data.xmat[self.body].reshape(3, 3), self.local(data, point), {}
+        for piece in self.at(local, reach):
+            if piece.polytope is None:
+                normals = Shape(model, data, piece.geom).normals_at(point, reach)
+            elif (normals := piece.polytope.normals_at(local, reach)) is not None:
+                normals = normals @ rotation.T
+            if normals is not None and piece.number in self._rods:
+                normals = normals[[not self.is_covered(piece, normal @ rotation) for normal in normals]]
+            if normals is not None and len(normals):
+                there[piece] = normals
         return there
 
     @cached_property

@@ -23,18 +23,18 @@ from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.cells import cells, chosen_cell, in_cone, separating_normals
 from ffsm_mj.contact.features.gap_function import Feature
-from ffsm_mj.contact.near_pieces import NearPieces, face_normal, local_gap, sphere_normal
-from ffsm_mj.contact.normal import DISTANCE_LIMIT_M, ContactNormal, NormalSearch, separation
+from ffsm_mj.contact.near_pieces import NearPieces
+from ffsm_mj.contact.normal import DISTANCE_LIMIT_M, separation
 from ffsm_mj.contact.pairs import ContactPair, gap_rounding
-from ffsm_mj.contact.patch import corners_across, facing, opposite
-from ffsm_mj.contact.probe import PartSearch, Probe
+from ffsm_mj.contact.patch import corners_across
+from ffsm_mj.contact.piece_pair import TwoPieces
+from ffsm_mj.contact.probe import Probe
 from ffsm_mj.contact.proximity import AT_END, FAR_M, Proximity, SecondRate, second_rate
-from ffsm_mj.contact.shape import Shape
 from ffsm_mj.contact.sides import Piece, Side
 from ffsm_mj.contact.surfaces import AT_POINT_M, ONE_NORMAL, AmongOthers, crosses_seam, levelled, may_tie
 from ffsm_mj.model.system import System
 from ffsm_mj.state import StateError, entries, fitting
-from ffsm_mj.tolerances import CLOSED_RATE, CONTACT_GAP_M, DISTANCE_QUERY_M, DRIFT_M, MERGED_M, PARALLEL, RATE, SAME_POINT_M
+from ffsm_mj.tolerances import CLOSED_RATE, CONTACT_GAP_M, DISTANCE_QUERY_M, MERGED_M, PARALLEL, RATE, SAME_POINT_M
 
 _QUERY_M = 1e-3
 """Limit of queries that look for pieces in contact: a small limit ends a query early."""
@@ -65,38 +65,23 @@ class UnionProximity(Proximity):
         return self.corners
 
 
-class PiecePair(ContactPair):
+class PiecePair(TwoPieces):
     """Two pieces of a union pair, followed by themselves while they are apart.
 
     Attributes:
         union: The pair of unions.
-        pieces: Pieces of a and b.
         number: Its place among all pairs of pieces.
     """
 
     def __init__(self, system: System, union: UnionPair, a: Piece, b: Piece) -> None:
         """Resolve two pieces; see :class:`ContactPair`."""
-        self.union, self.pieces, self.number = union, (a, b), union.number_of(a, b)
-        self.parts = a.part, b.part
-        super().__init__(system, union.name, a.geom, b.geom, union.restitution, union.mu, rule=union.rule)
-        self.position_tolerance, self.may_tie = 0.0, False
+        self.union, self.number = union, union.number_of(a, b)
+        super().__init__(system, union, union.sides, (a, b), lambda: union.probe)
 
     @property
     def together(self) -> Sequence[UnionPair]:
         """The pairs of unions of the same bodies."""
         return self.union.together
-
-    def _normal_search(self) -> NormalSearch:
-        if self.parts == (None, None):
-            return super()._normal_search()
-        self._query_scatters = True  # of single precision
-        self.size = min(piece.half_width for piece in self.pieces)
-        return PartSearch(self.ids, self.parts, self.size, self.flush_offset, self.union.probe)
-
-    def shapes(self, model: Any, data: Any) -> tuple[Shape, Shape]:
-        """Shapes of a and b at the state in ``data``."""
-        (a, b), (one, other) = self.ids, self.parts
-        return Shape(model, data, a, one), Shape(model, data, b, other)
 
     def proximity(self, model: Any, data: Any) -> Proximity:
         """Gap, normal, points and rates: those of the unions where both pieces touch."""
@@ -111,48 +96,6 @@ class PiecePair(ContactPair):
         # In a step that is too long held points drift further: its end is found by that.
         drifts = is_level and alone.gap < 0.0 and self.union.is_closed(alone, data)
         return replace(alone, rates=np.zeros(len(alone.points))) if drifts else alone
-
-    def alone(self, model: Any, data: Any) -> Proximity:
-        """Gap, normal, points and rates of these two pieces as if there were no others."""
-        near = self._of_features(model, data)
-        if near.gap >= -DRIFT_M or self.gap(model, data) < -DISTANCE_QUERY_M:
-            return near
-        # Deeper than a contact drifts, and no overlap: a body that slides over a seam touches the next piece on top, where
-        # it approached its covered side. The normal turns at once, and the search does not find it from the last one.
-        if (face := face_normal(self.pieces, self.union.sides, data, self.shapes(model, data))) is not None:
-            self._search.start_from(face)
-        return self._of_features(model, data)
-
-    def _of_features(self, model: Any, data: Any) -> Proximity:
-        """The proximity along the normal of the search, with the gap at its points, of what is level to PARALLEL only."""
-        near = super().proximity(model, data)
-        if near.gap > CONTACT_GAP_M or self.is_curved:
-            return near
-        gap = local_gap(self.shapes(model, data), near.normal, near.points)
-        return replace(near, gap=gap) if gap > near.gap + MERGED_M else near
-
-    def _contact_normal(self, model: Any, data: Any, shapes: tuple[Shape, Shape]) -> ContactNormal:
-        # No direction parts two pieces better than one along which their features face each other.
-        of = self.pieces, self.union.sides, data
-        normal = sphere_normal(*of) if _SPHERE in self._kinds else face_normal(*of, shapes)
-        if normal is not None and (gap := separation(*shapes, normal)) >= -CONTACT_GAP_M:
-            features = facing(*shapes, normal)
-            if opposite(*features, normal, self.flush_offset):
-                self._search.start_from(normal)
-                middle = 0.5 * (features[0].mean(axis=0) + features[1].mean(axis=0))
-                return ContactNormal(normal, features, middle, gap)
-        return super()._contact_normal(model, data, shapes)
-
-    def gap_to_rounding(self, model: Any, data: Any, gap: float) -> float:
-        """The gap at the state in ``data``, to rounding; see :class:`ContactPair`."""
-        # An overlap that a query shows may be that of a search which has not turned to the next piece.
-        exact = gap > 0.0 or not self._query_scatters
-        return super().gap_to_rounding(model, data, gap) if exact else self.alone(model, data).gap
-
-    @property
-    def is_curved(self) -> bool:
-        """Whether one of the pieces is round."""
-        return any(piece.is_curved for piece in self.pieces)
 
 
 class UnionPair(ContactPair):
