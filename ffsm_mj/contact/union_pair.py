@@ -458,7 +458,12 @@ class UnionPair(ContactPair):
             return
         clauses = {(one, other): separating_normals(a[one], b[other]) for one in a for other in b}
         # Surfaces that overlap by rounding have no normal that parts them: the other pieces there decide.
-        choices = cells([clause for clause in clauses.values() if len(clause)])
+        parting = [clause for clause in clauses.values() if len(clause)]
+        if not parting and len(clauses) == 1:
+            # Two pieces alone: a point is known to the distance at which two are one, and may be beyond that of an edge.
+            yield near.normal, pair
+            return
+        choices = cells(parting)
         for normal in chosen_cell(choices, self._moves(data, point), near.rate_tolerance, near.normal):
             parted = [pieces for pieces, clause in clauses.items() if in_cone(clause, normal)]
             # Of several pieces in one plane any will do, but those of another rule are of another pair.

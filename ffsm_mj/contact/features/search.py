@@ -34,7 +34,7 @@ from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact.solid.faces import UnionFace
 from ffsm_mj.contact.union_pair import PiecePair, UnionProximity
 from ffsm_mj.state import StateError
-from ffsm_mj.tolerances import CONTACT_GAP_M, FEATURE_BOUND_M, PARALLEL, SAME_POINT_M
+from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2, CONTACT_GAP_M, FEATURE_BOUND_M, PARALLEL, SAME_POINT_M
 
 _OUTLINES: dict[int, type[Outline]] = {
     int(mujoco.mjtGeom.mjGEOM_CYLINDER): CylinderOutline,
@@ -94,7 +94,7 @@ def _of_patch(near: UnionProximity, model: Any, data: Any) -> tuple[Feature, ...
             (feature, pair)
             for pair in near.pieces
             for search in (_search(pair, model, data, near, bodies),)
-            for feature in (search.on_faces() if on_face else search.all())
+            for feature in ([one for one, _ in search.on_faces()] if on_face else search.all())
         ]
         for feature, pair in sorted(closing, key=lambda entry: _is_covered(*entry)):
             united = _united(feature, data, pair)
@@ -104,9 +104,12 @@ def _of_patch(near: UnionProximity, model: Any, data: Any) -> tuple[Feature, ...
             # Points of seams are no corners of the patch, and a corner over a seam is found by both pieces. Where a body
             # passes the rim between two cylinders, this is no contact beside that on their side.
             apart = SAME_POINT_M if _is_covered(feature, pair) else FEATURE_BOUND_M
-            at_corner = any(math.dist(state.point, point) <= SAME_POINT_M for point in near.points)
-            if at_corner and all(math.dist(state.point, other.point) > apart for _, other, _ in closed):
-                closed.append((united, state, pair))
+            if any(math.dist(state.point, point) <= SAME_POINT_M for point in near.points):
+                at = _place_of(state, [other for _, other, _ in closed], apart)
+                if at is None:
+                    closed.append((united, state, pair))
+                elif _closes_before(state, closed[at][1]):
+                    closed[at] = united, state, pair
         # The highest-dimensional contact wins, as between two geoms.
         if closed:
             break
@@ -174,26 +177,18 @@ class _Search:
     def all(self) -> list[GapFunction]:
         """All features of the contact."""
         # The highest-dimensional contact wins: corners of a face on a face would otherwise be found again as edge contacts.
-        return self.on_faces() or self.between_lines() or self.on_lines() or self.between_corners()
+        on_faces = [feature for feature, _ in _one_a_place(self.on_faces())]
+        return on_faces or self.between_lines() or self.on_lines() or self.between_corners()
 
-    def on_faces(self) -> list[GapFunction]:
-        """Corners on faces, and crossings of edges over faces, without duplicates."""
+    def on_faces(self) -> list[tuple[GapFunction, FeatureState]]:
+        """Corners on faces, and crossings of edges over faces, with their states: all of those at one place."""
         a, b = self._a, self._b
         face_a, face_b = a.face(), b.face()
         if face_a is None and face_b is None:
             return []
         touching = self._touching((core, face_b) for core in a.points() if face_b is not None)
         touching += self._touching((face_a, core) for core in b.points() if face_a is not None)
-        # An edge that crosses the other face at one of its own corners is already constrained there: a second constraint at
-        # the same point would only make the contact problem redundant.
-        corners = [state.point for _, state in touching]
-        crossings = self._touching(self._crossing_curves())
-        touching += [
-            (feature, state)
-            for feature, state in crossings
-            if all(math.dist(state.point, corner) > 0.5 * FEATURE_BOUND_M for corner in corners)
-        ]
-        return [feature for feature, _ in touching]
+        return touching + self._touching(self._crossing_curves())
 
     def on_rims(self) -> list[GapFunction]:
         """Contact points of the pair that are points of the rim of a cap, over a face."""
@@ -320,6 +315,34 @@ class _Search:
         if not (isinstance(one, Line | Circle) and isinstance(other, Line | Circle)):
             return 0.0
         return math.copysign(1.0, dot(self._normal, cross(self._a.direction(one), self._b.direction(other))))
+
+
+def _one_a_place(candidates: Iterable[tuple[GapFunction, FeatureState]]) -> list[tuple[GapFunction, FeatureState]]:
+    """Of features at one place that which closes first; the first of several.
+
+    A second constraint there would only make the contact problem redundant: with the same normal and material points they
+    differ by their velocity-dependent terms alone. An edge of a face crosses the other face at a corner of its own, and
+    where a corner lies exactly on the edge of a face, it leaves over the edge or stays on the face, as the bodies turn.
+    """
+    kept: list[tuple[GapFunction, FeatureState]] = []
+    for feature, state in candidates:
+        at = _place_of(state, [other for _, other in kept], 0.5 * FEATURE_BOUND_M)
+        if at is None:
+            kept.append((feature, state))
+        elif _closes_before(state, kept[at][1]):
+            kept[at] = feature, state
+    return kept
+
+
+def _place_of(state: FeatureState, others: Iterable[FeatureState], apart: float) -> int | None:
+    """Number of the first of some features that is within a distance in m of another one; None: all are farther."""
+    return next((i for i, other in enumerate(others) if math.dist(state.point, other.point) <= apart), None)
+
+
+def _closes_before(state: FeatureState, other: FeatureState) -> bool:
+    """Whether the gap of a feature is less, from the next instant on, than that of another one at the same place."""
+    rounding = ACCELERATION_M_S2 + ACCELERATION * max(state.scale, other.scale)
+    return state.bend < other.bend - rounding
 
 
 def _most_inside(candidates: list[tuple[GapFunction, FeatureState]]) -> list[GapFunction]:

@@ -25,7 +25,7 @@ _ALONG_EDGE = (0.1 + _DIAGONAL, 0.1, 0.2 + _DIAGONAL)
 _ON_EDGE = (math.sqrt(0.5), 0.5, 0.5, 0)  # its long axis level, turned about it by 45 degrees
 
 TOUCHES = {
-    "boxes flush, corner on corner": (BOX, BOX, (0, 0, 0.4), UPRIGHT, {"vertex on face": 8}),
+    "boxes flush, corner on corner": (BOX, BOX, (0, 0, 0.4), UPRIGHT, {"vertex on face": 4}),
     "boxes flush, shifted": (BOX, BOX, (0.05, 0.05, 0.4), UPRIGHT, {"vertex on face": 2, "edge on edge": 2}),
     "boxes flush, shifted along an edge": (BOX, BOX, (0.05, 0, 0.4), UPRIGHT, {"vertex on face": 4}),
     "boxes flush, turned by 30 degrees": (BOX, BOX, (0, 0, 0.4), TURNED, {"edge on edge": 8}),
@@ -118,7 +118,14 @@ def test_features_by_name_and_number(tmp_path, rng, case):
     check(pair, model, data, expected)
 
 
+def stop(model, data):
+    """Of features at one place, which one closes first depends on the motion."""
+    data.qvel[:] = 0.0
+    mujoco.mj_forward(model, data)
+
+
 def check(pair, model, data, expected):
+    stop(model, data)
     near = pair.proximity(model, data)
     found = features(pair, model, data, near)
     assert Counter(feature.name for feature in found) == expected
@@ -152,6 +159,7 @@ def test_a_mesh_cube_is_a_box(tmp_path, rng, case):
     """To single precision: all its features have the gap and the normal of the pair."""
     _, b, position, turn, expected = TOUCHES[case]
     pair, model, data = placed(tmp_path, MESH, MESH if b == BOX else b, position, turn, rng)
+    stop(model, data)
     near = pair.proximity(model, data)
     assert 1e-10 < abs(near.gap) < 2e-8  # 0.2 m in single precision is 3e-9 m longer
     found = features(pair, model, data, near)
@@ -211,7 +219,7 @@ def test_rims_that_coincide_have_no_crossings(tmp_path):
     data.qpos[[1, 8]] = 0.37, 0.47
     mujoco.mj_forward(model, data)
     found = features(pair, model, data, pair.proximity(model, data))
-    assert Counter(feature.name for feature in found) == {"rim on cap": 16}
+    assert Counter(feature.name for feature in found) == {"rim on cap": 8}
 
 
 def over_edge(folder, offset, corner):
