@@ -182,21 +182,43 @@ def _is_solid(term: FloatArray) -> bool:
     return total <= 0.0 or float(np.linalg.norm(term.T @ shares)) > _SAME * total
 
 
-def chosen_cell(every: Sequence[FloatArray], motion: FloatArray, tolerance: float, preferred: FloatArray) -> FloatArray:
-    """The cell that a motion is in, or the nearest one, (k, 3).
+def chosen_cell(every: Sequence[FloatArray], motions: FloatArray, tolerance: float, preferred: FloatArray) -> FloatArray:
+    """The cell that the motions at some points are in, or the nearest one, (k, 3).
 
     Args:
-        every: Cells; without any, no normal is chosen.
-        motion: Velocity of b relative to a at the point, m/s, (3,).
+        every: Cells, the same at all points; without any, no normal is chosen.
+        motions: Velocities of b relative to a at the points, m/s, (3,) or (points, 3).
         tolerance: Approach within this is none, m/s.
-        preferred: Of several cells that a motion is in, as one at rest is in all, that with this normal counts.
+        preferred: Of several cells that the motions are in, as those at rest are in all, that with this normal counts.
     """
     if not every or not len(every[0]):
         return np.empty((0, 3))
-    free = [cell for cell in every if (cell @ motion >= -tolerance).all()]
+    motions = np.atleast_2d(motions)
+    free = [cell for cell in every if (motions @ cell.T >= -tolerance).all()]
     if free:
         return min(free, key=lambda cell: float(np.linalg.norm(cell - preferred, axis=1).min()))
-    return min(every, key=lambda cell: _distance(cell, motion))
+    if (between := _parting_all(every, motions, tolerance)) is not None:
+        return between
+    return min(every, key=lambda cell: max(_distance(cell, motion) for motion in motions))
+
+
+def _parting_all(every: Sequence[FloatArray], motions: FloatArray, tolerance: float) -> FloatArray | None:
+    """A normal between those of two cells that no point approaches along, (1, 3); None without one.
+
+    An edge that turns on another one opens at one end along the normal of one face and at the other end along that of the
+    other face: a normal between parts them all along. Of two points the least rate is greatest where both are equal.
+    """
+    if any(len(cell) > 1 for cell in every):
+        return None
+    for (one, other), (p, q) in product(combinations(np.concatenate(every), 2), combinations(motions, 2)):
+        across = float((one - other) @ (p - q))
+        share = float(other @ (q - p)) / across if across else 0.0
+        if 0.0 < share < 1.0:
+            normal = share * one + (1.0 - share) * other
+            normal /= np.linalg.norm(normal)
+            if (motions @ normal >= -tolerance).all():
+                return np.asarray(normal[None])
+    return None
 
 
 def _distance(cell: FloatArray, motion: FloatArray) -> float:

@@ -25,7 +25,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.cells import separating_normals
+from ffsm_mj.contact.cells import chosen_cell, separating_normals
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.motion_bound import MotionBound
 from ffsm_mj.contact.normal import ContactNormal, HalfSpaceNormal, NormalSearch, SphereNormal, separation
@@ -335,16 +335,18 @@ class ContactPair(Stateful):
             # A point that one of them has within a face or outside has one normal, and with it all points of the patch.
             if a is None or b is None or min(len(a), len(b)) < 2 or len(choices := separating_normals(a, b)) < 2:
                 return near
-        along = []
-        for normal in choices:
-            points = touching_set(*facing(*shapes, normal), normal, CONTACT_GAP_M)
-            if len(points) and (gap := separation(*shapes, normal)) >= -CONTACT_GAP_M:
-                rates, tolerance = self._rates(data, normal, points)
-                along.append(Proximity(gap, normal, points, rates, tolerance, gap_rounding(points)))
-        free = [one for one in along if not one.approaches]
-        if free:
-            return min(free, key=lambda one: float(np.linalg.norm(one.normal - near.normal)))
-        return max(along, key=lambda one: one.rate, default=near)
+        cells = [normal[None] for normal in choices if self._parted_along(shapes, data, normal) is not None]
+        motions = np.array([self._moves(data, point) for point in near.points])
+        chosen = chosen_cell(cells, motions, near.rate_tolerance, near.normal)
+        return next((one for normal in chosen if (one := self._parted_along(shapes, data, normal)) is not None), near)
+
+    def _parted_along(self, shapes: tuple[Shape, Shape], data: Any, normal: FloatArray) -> Proximity | None:
+        """The proximity along a normal; None if it does not part the geoms."""
+        points = touching_set(*facing(*shapes, normal), normal, CONTACT_GAP_M)
+        if not len(points) or (gap := separation(*shapes, normal)) < -CONTACT_GAP_M:
+            return None
+        rates, tolerance = self._rates(data, normal, points)
+        return Proximity(gap, normal, points, rates, tolerance, gap_rounding(points))
 
     def _with_rims(self, shapes: tuple[Shape, Shape], data: Any, near: Proximity) -> Proximity:
         """Add the point of a cap's rim at which the gap closes fastest, if it closes faster there than at all points."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from ffsm_mj.contact.cells import intersection, nearest_in_cone
 from ffsm_mj.contact.patch import corners_across
 from ffsm_mj.contact.shape import Shape
 from ffsm_mj.contact.sides import Piece, Side
-from ffsm_mj.tolerances import CONTACT_GAP_M, PARALLEL
+from ffsm_mj.tolerances import CONTACT_GAP_M, MERGED_M, PARALLEL
 
 AT_POINT_M = 2.0 * CONTACT_GAP_M
 """Pieces within this of a contact point meet there: the point is midway of a gap of CONTACT_GAP_M, on faces that the
@@ -47,6 +48,68 @@ class AmongOthers(Shape):
             points += [vertices[height >= -AT_POINT_M] for height, vertices in heights]
         every = np.concatenate(points)
         return every[corners_across(every, direction)] if len(points) > 1 else every
+
+
+_Owner = TypeVar("_Owner")
+"""A pair of pieces."""
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """What meets at a contact point of two unions.
+
+    Attributes:
+        point: The point, world axes, (3,), m.
+        cells: Sets of normals that a contact may have there, (k, 3) each; see :mod:`ffsm_mj.contact.cells`.
+        clauses: Separating normals of each two pieces there; empty if the two that touch have the normal by themselves.
+        motion: Velocity of b relative to a, (3,), m/s; it matters only where there are clauses.
+    """
+
+    point: FloatArray
+    cells: Sequence[FloatArray]
+    clauses: Mapping[tuple[Piece, Piece], FloatArray] = field(default_factory=dict)
+    motion: FloatArray = field(default_factory=lambda: np.zeros(3))
+
+    def chooses_with(self, other: Meeting) -> bool:
+        """Whether both are of one edge on an edge, or the same: all points of it must have a normal along which they part.
+
+        Decided by themselves, its ends could have two normals, between which points would overlap.
+        """
+        offset = other.point - self.point
+        return len(self.cells) == len(other.cells) and all(
+            len(one) == len(two)
+            and float(np.abs(one - two).max()) <= ONE_NORMAL
+            and float(np.abs(one @ offset).max()) <= AT_POINT_M
+            for one, two in zip(self.cells, other.cells, strict=True)
+        )
+
+
+@dataclass
+class PointGroup(Generic[_Owner]):
+    """Points of one patch, each with its normal and pair of pieces."""
+
+    normals: list[FloatArray] = field(default_factory=list)
+    points: list[FloatArray] = field(default_factory=list)
+    owners: list[_Owner] = field(default_factory=list)
+
+    def has(self, normal: FloatArray, point: FloatArray) -> bool:
+        """Whether a point belongs to it: its normal is parallel, and it is in the plane of the others."""
+        first, there = self.normals[0], self.points[0]
+        return math.dist(first, normal) <= PARALLEL and abs(float(first @ (there - point))) <= 10.0 * CONTACT_GAP_M
+
+    def add(self, normal: FloatArray, point: FloatArray, owner: _Owner) -> None:
+        """Take a point."""
+        self.normals.append(normal)
+        self.points.append(point)
+        self.owners.append(owner)
+
+    def distinct(self) -> list[FloatArray]:
+        """Its normals, each once."""
+        kept: list[FloatArray] = []
+        for normal in self.normals:
+            if all(math.dist(normal, other) > MERGED_M for other in kept):
+                kept.append(normal)
+        return kept
 
 
 def may_tie(a: Mapping[Piece, FloatArray], b: Mapping[Piece, FloatArray]) -> bool:

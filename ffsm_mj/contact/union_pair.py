@@ -12,7 +12,7 @@ of pieces by itself, and asks here only where it touches.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -31,10 +31,19 @@ from ffsm_mj.contact.piece_pair import TwoPieces
 from ffsm_mj.contact.probe import Probe
 from ffsm_mj.contact.proximity import AT_END, FAR_M, Proximity, SecondRate, second_rate
 from ffsm_mj.contact.sides import Piece, Side
-from ffsm_mj.contact.surfaces import AT_POINT_M, ONE_NORMAL, AmongOthers, crosses_seam, levelled, may_tie
+from ffsm_mj.contact.surfaces import (
+    AT_POINT_M,
+    ONE_NORMAL,
+    AmongOthers,
+    Meeting,
+    PointGroup,
+    crosses_seam,
+    levelled,
+    may_tie,
+)
 from ffsm_mj.model.system import System
 from ffsm_mj.state import StateError, entries, fitting
-from ffsm_mj.tolerances import CLOSED_RATE, CONTACT_GAP_M, DISTANCE_QUERY_M, MERGED_M, PARALLEL, RATE, SAME_POINT_M
+from ffsm_mj.tolerances import CLOSED_RATE, CONTACT_GAP_M, DISTANCE_QUERY_M, RATE, SAME_POINT_M
 
 _QUERY_M = 1e-3
 """Limit of queries that look for pieces in contact: a small limit ends a query early."""
@@ -397,20 +406,34 @@ class UnionPair(ContactPair):
 
     def _patches(self, model: Any, data: Any, touching: Sequence[tuple[PiecePair, Proximity]]) -> tuple[UnionProximity, ...]:
         """Patches of some pairs of pieces that touch, with their points of this rule."""
-        groups: list[_Group] = []
-        for pair, near in touching:
-            for point in near.points:
-                for normal, owner in pair.union._normals(model, data, pair, near, point):
-                    group = next((one for one in groups if one.has(normal, point)), None)
-                    if group is None:
-                        groups.append(group := _Group([], [], []))
-                    group.normals.append(normal)
-                    group.points.append(point)
-                    group.owners.append(owner)
+        groups: list[PointGroup[PiecePair]] = []
+        met = [
+            (pair, near, meeting)
+            for pair, near in touching
+            for point in near.points
+            if (meeting := pair.union._meeting(model, data, pair, near, point)) is not None
+        ]
+        for pair, near, meeting in met:
+            normals = meeting.cells[0] if len(meeting.cells) == 1 else self._chosen_together(meeting, met, near)
+            for normal in normals:
+                if (owner := pair.union._owner_along(pair, meeting, normal)) is None:
+                    continue
+                # The search knows its normal to rounding; that of two edges here is a cross product.
+                better = near.normal if meeting.clauses and math.dist(near.normal, normal) <= ONE_NORMAL else normal
+                group = next((one for one in groups if one.has(better, meeting.point)), None)
+                if group is None:
+                    groups.append(group := PointGroup())
+                group.add(better, meeting.point, owner)
         patches = (self._patch(model, data, group) for group in groups)
         return tuple(patch for patch in patches if patch is not None)
 
-    def _patch(self, model: Any, data: Any, group: _Group) -> UnionProximity | None:
+    @staticmethod
+    def _chosen_together(meeting: Meeting, met: Iterable[tuple[Any, Any, Meeting]], near: Proximity) -> FloatArray:
+        """Normals of the cell in which the motion is at all points of an edge on an edge, or of the nearest one, (k, 3)."""
+        motions = np.array([other.motion for _, _, other in met if meeting.chooses_with(other)])
+        return chosen_cell(meeting.cells, motions, near.rate_tolerance, near.normal)
+
+    def _patch(self, model: Any, data: Any, group: PointGroup[PiecePair]) -> UnionProximity | None:
         """The patch of some points with one normal: corners of their hull, so that seams and covered edges leave none.
 
         Where another rule goes on in its plane it has those of the corners that are this rule's; None without any.
@@ -441,37 +464,33 @@ class UnionPair(ContactPair):
         patch = " ".join(map("{:g}".format, turned.tolist()))
         return UnionProximity(gap, normal, points, rates, tolerance, rounding, patch, pieces, owners, len(corners))
 
-    def _normals(
-        self, model: Any, data: Any, pair: PiecePair, near: Proximity, point: FloatArray
-    ) -> Iterator[tuple[FloatArray, PiecePair]]:
-        """Normals of the contact at a point where two pieces touch, each with a pair of pieces that has it."""
+    def _meeting(self, model: Any, data: Any, pair: PiecePair, near: Proximity, point: FloatArray) -> Meeting | None:
+        """What meets at a point where two pieces touch; None if that is no contact of these."""
         if pair.is_curved and self._is_covered(pair, data, near.normal):
-            return  # the next cylinder has the contact
+            return None  # the next cylinder has the contact
         a, b = (side.surfaces_at(model, data, point, AT_POINT_M) for side in self.sides)
         # Deeper overlaps have no common point of both surfaces: they are asked for to find when they began.
         if near.gap < -CONTACT_GAP_M or (len(a) <= 1 and len(b) <= 1 and not may_tie(a, b)):
-            yield near.normal, pair
-            return
+            return Meeting(point, [near.normal[None]])
         if pair.is_curved and (level := levelled(self.sides, pair.pieces, near.normal, (a, b))) is not None:
-            if not crosses_seam(pair.shapes(model, data), point, level, (a, b)):
-                yield level, pair
-            return
+            crosses = crosses_seam(pair.shapes(model, data), point, level, (a, b))
+            return None if crosses else Meeting(point, [level[None]])
         clauses = {(one, other): separating_normals(a[one], b[other]) for one in a for other in b}
         # Surfaces that overlap by rounding have no normal that parts them: the other pieces there decide.
         parting = [clause for clause in clauses.values() if len(clause)]
         if not parting and len(clauses) == 1:
             # Two pieces alone: a point is known to the distance at which two are one, and may be beyond that of an edge.
-            yield near.normal, pair
-            return
-        choices = cells(parting)
-        for normal in chosen_cell(choices, self._moves(data, point), near.rate_tolerance, near.normal):
-            parted = [pieces for pieces, clause in clauses.items() if in_cone(clause, normal)]
-            # Of several pieces in one plane any will do, but those of another rule are of another pair.
-            owners = [self.number_of(*pieces) for pieces in parted if self._allowed[pieces[0].number, pieces[1].number]]
-            if owners:
-                # The search knows its normal to rounding; that of two edges here is a cross product.
-                better = near.normal if math.dist(near.normal, normal) <= ONE_NORMAL else normal
-                yield better, self.piece_pair(min(owners))
+            return Meeting(point, [near.normal[None]])
+        return Meeting(point, cells(parting), clauses, self._moves(data, point))
+
+    def _owner_along(self, pair: PiecePair, meeting: Meeting, normal: FloatArray) -> PiecePair | None:
+        """The pair of pieces that has a normal of a meeting of two pieces; None: those of another rule have it."""
+        if not meeting.clauses:
+            return pair
+        parted = [pieces for pieces, clause in meeting.clauses.items() if in_cone(clause, normal)]
+        # Of several pieces in one plane any will do, but those of another rule are of another pair.
+        owners = [self.number_of(*pieces) for pieces in parted if self._allowed[pieces[0].number, pieces[1].number]]
+        return self.piece_pair(min(owners)) if owners else None
 
     def _is_covered(self, pair: PiecePair, data: Any, normal: FloatArray) -> bool:
         """Whether a normal of two pieces is that of an end of a cylinder or capsule which another one continues."""
@@ -520,25 +539,3 @@ def _owner(near: Proximity, point: FloatArray) -> PiecePair:
     """The pair of pieces at a point of a patch."""
     assert isinstance(near, UnionProximity)
     return near.owners[min(range(len(near.points)), key=lambda i: math.dist(near.points[i], point))]
-
-
-@dataclass
-class _Group:
-    """Points of one patch, each with its normal and pair of pieces."""
-
-    normals: list[FloatArray]
-    points: list[FloatArray]
-    owners: list[PiecePair]
-
-    def has(self, normal: FloatArray, point: FloatArray) -> bool:
-        """Whether a point belongs to it: its normal is parallel, and it is in the plane of the others."""
-        first, there = self.normals[0], self.points[0]
-        return math.dist(first, normal) <= PARALLEL and abs(float(first @ (there - point))) <= 10.0 * CONTACT_GAP_M
-
-    def distinct(self) -> list[FloatArray]:
-        """Its normals, each once."""
-        kept: list[FloatArray] = []
-        for normal in self.normals:
-            if all(math.dist(normal, other) > MERGED_M for other in kept):
-                kept.append(normal)
-        return kept
