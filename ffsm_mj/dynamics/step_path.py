@@ -35,15 +35,22 @@ class StepPath:
         self.on_event_located: Callable[[], None] = _nothing
         self.at_s = math.nan
         self.start = np.empty(mujoco.mj_stateSize(model, WHOLE_STATE))
+        self._left, self._left_at_s = np.empty_like(self.start), math.nan
 
     def move_to(self, time_s: float) -> None:
         """Set ``data`` to a time since ``start``, with all derived quantities current."""
         if time_s == self.at_s:
             return
         self.poll()
-        self.at_s = math.nan
-        mujoco.mj_setState(self._model, self._data, self.start, WHOLE_STATE)
-        if time_s > 0.0:
+        model, data = self._model, self._data
+        # From the end of a step to its start and back, as at most steps: forces and works of its stages are still those.
+        if self.at_s != 0.0:
+            self._left_at_s = self.at_s
+            mujoco.mj_getState(model, data, self._left, WHOLE_STATE)
+        returns, self.at_s = time_s == self._left_at_s, math.nan
+        mujoco.mj_setState(model, data, self._left if returns else self.start, WHOLE_STATE)
+        if time_s > 0.0 and not returns:
+            self._left_at_s = math.nan
             self.integrate(time_s)
         mujoco.mj_forward(self._model, self._data)
         self.on_event_located()
