@@ -24,7 +24,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.patch import facing, flush_offset, opposite, segments_lie_along
-from ffsm_mj.contact.shape import Shape
+from ffsm_mj.contact.shape import Part, Shape
 from ffsm_mj.dynamics.rigid_body import cross
 from ffsm_mj.state import Stateful
 from ffsm_mj.tolerances import CLEARLY_APART_M, CONTACT_GAP_M, EPSILON, FLUSH_M, PARALLEL
@@ -365,12 +365,20 @@ class HalfSpaceNormal(NormalSearch):
 
     MuJoCo gives planes to fixed bodies only, and the size of a plane is that of its picture: it bounds a half-space. The
     normal is its z axis, from a or towards it, whatever the other geom does, and the gap is the height of the lowest point
-    of that one.
+    of that one, be it a part of a geom.
     """
+
+    def __init__(
+        self, geoms: tuple[int, int], size: float, flush: float = 0.0, parts: tuple[Part | None, Part | None] = (None, None)
+    ) -> None:
+        """Take both geoms, or parts of them."""
+        super().__init__(geoms, size, flush)
+        self._parts = parts
 
     def distance(self, model: Any, data: Any, limit: float) -> float:
         """Signed distance in m, negative when overlapping; ``limit`` if it is larger."""
-        shapes = Shape(model, data, self._a), Shape(model, data, self._b)
+        one, other = self._parts
+        shapes = Shape(model, data, self._a, one), Shape(model, data, self._b, other)
         return min(separation(*shapes, _of_plane(shapes)), limit)
 
     def normal(self, model: Any, data: Any, shapes: tuple[Shape, Shape]) -> ContactNormal:  # noqa: ARG002

@@ -15,7 +15,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.near_pieces import face_normal, local_gap
-from ffsm_mj.contact.normal import ContactNormal, NormalSearch, separation
+from ffsm_mj.contact.normal import ContactNormal, HalfSpaceNormal, NormalSearch, separation
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.patch import facing, opposite
 from ffsm_mj.contact.probe import PartSearch, Probe
@@ -25,6 +25,7 @@ from ffsm_mj.contact.sides import Piece, Side
 from ffsm_mj.model.system import System
 from ffsm_mj.tolerances import CONTACT_GAP_M, DISTANCE_QUERY_M, DRIFT_M, MERGED_M
 
+_PLANE = mujoco.mjtGeom.mjGEOM_PLANE
 _ROD_KINDS = (int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_CAPSULE))
 """Geoms that are a segment with a radius."""
 
@@ -66,8 +67,10 @@ class TwoPieces(ContactPair):
     def _normal_search(self) -> NormalSearch:
         if self.parts == (None, None):
             return super()._normal_search()
-        self._query_scatters = True  # of single precision
         self.size = min(piece.half_width for piece in self.pieces)
+        if self.is_of(_PLANE):
+            return HalfSpaceNormal(self.ids, self.size, self.flush_offset, self.parts)
+        self._query_scatters = True  # of single precision
         return PartSearch(self.ids, self.parts, self.size, self.flush_offset, self._probe())
 
     def shapes(self, model: Any, data: Any) -> tuple[Shape, Shape]:
@@ -105,6 +108,8 @@ class TwoPieces(ContactPair):
 
     def _contact_normal(self, model: Any, data: Any, shapes: tuple[Shape, Shape]) -> ContactNormal:
         self._is_exact = True
+        if self.is_of(_PLANE):
+            return super()._contact_normal(model, data, shapes)
         for normal in self._candidates(data, shapes):
             if (gap := separation(*shapes, normal)) >= -CONTACT_GAP_M:
                 features = facing(*shapes, normal)

@@ -28,6 +28,7 @@ from ffsm_mj.polytope import Polytope, box, hull_of
 from ffsm_mj.tolerances import FEATURE_BOUND_M, MERGED_M, MESH_PRECISION
 
 _BOX, _MESH = int(mujoco.mjtGeom.mjGEOM_BOX), int(mujoco.mjtGeom.mjGEOM_MESH)
+_PLANE = int(mujoco.mjtGeom.mjGEOM_PLANE)
 _CAPSULE, _CYLINDER = int(mujoco.mjtGeom.mjGEOM_CAPSULE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)
 _FACES = 8
 """Faces of a piece over which heights of points are measured: cells of a partition have few more."""
@@ -46,11 +47,11 @@ class Piece:
         kind: Type of the geom.
         middle: Middle of the geom, axes of the body, m, (3,).
         centre: Centre of a sphere around it, axes of the body, m, (3,).
-        radius: Radius of that sphere, m.
+        radius: Radius of that sphere, m; infinite of a plane.
         core: Start and end of a segment, axes of the body, m, (2, 3): the axis of a long round geom, else the centre twice.
         width: Radius around that segment within which all of it is, m.
         half_width: Half its thinnest extent, m.
-        polytope: It as a polytope, axes of the body; None for round geoms.
+        polytope: It as a polytope, axes of the body; None for round geoms and planes.
     """
 
     number: int
@@ -68,7 +69,7 @@ class Piece:
     @property
     def is_curved(self) -> bool:
         """Whether it is round."""
-        return self.polytope is None
+        return self.polytope is None and self.kind != _PLANE
 
 
 class Side:
@@ -329,7 +330,7 @@ class Sides:
         model = self._system.mj
         for k, one in enumerate(geoms):
             for other in geoms[:k]:
-                reach = float(model.geom_rbound[one] + model.geom_rbound[other]) + self._weld_m
+                reach = _radius(model, one) + _radius(model, other) + self._weld_m
                 near = np.linalg.norm(self._at_rest.geom_xpos[one] - self._at_rest.geom_xpos[other]) <= reach
                 if near and mujoco.mj_geomDistance(model, self._at_rest, one, other, _NEAR_M, None) <= _TOUCHING_M:
                     return True
@@ -363,16 +364,11 @@ class Sides:
         for geom, before, after in zip(sources, polytopes, solid.pieces if solid else (), strict=True):
             parts.append(self._polytope(body, geom, poses[geom][1], len(parts), before, after))
         bounds = [piece.polytope.bounds for piece in parts if piece.polytope is not None]
-        for geom, (rotation, position) in poses.items():
+        for geom, pose in poses.items():
             if geom not in sources:
-                radius, half = float(model.geom_rbound[geom]), model.geom_aabb[geom, 3:]
-                middle, reach = position + rotation @ model.geom_aabb[geom, :3], np.abs(rotation) @ half
-                bounds.append(np.stack((middle - reach, middle + reach)))
-                kind = int(model.geom_type[geom])
-                size, long = model.geom_size[geom], kind in (_CYLINDER, _CAPSULE)
-                core = position + np.outer((-size[1], size[1]) if long else (0.0, 0.0), rotation[:, 2])
-                width, thin = float(size[0]) if long else radius, float(half.min())
-                parts.append(Piece(len(parts), geom, None, kind, position, position, radius, core, width, thin, None))
+                piece, box_around = _whole(model, geom, pose, len(parts))
+                parts.append(piece)
+                bounds.append(box_around)
         return Side(body, tuple(parts), np.array(bounds), solid, self._rods(parts, poses))
 
     def _rods(self, parts: Sequence[Piece], poses: Mapping[int, tuple[FloatArray, FloatArray]]) -> dict[int, Ends]:
@@ -395,6 +391,25 @@ class Sides:
         radius = float(np.linalg.norm(after.vertices - centre, axis=1).max())
         core = np.stack((centre, centre))
         return Piece(number, geom, part, kind, middle, centre, radius, core, radius, 0.5 * after.thickness, after)
+
+
+def _radius(model: Any, geom: int) -> float:
+    """Radius of the sphere around a geom, m; MuJoCo says 0 of a plane, which has none."""
+    return math.inf if model.geom_type[geom] == _PLANE else float(model.geom_rbound[geom])
+
+
+def _whole(model: Any, geom: int, pose: tuple[FloatArray, FloatArray], number: int) -> tuple[Piece, FloatArray]:
+    """A round geom or a plane as a piece, by its pose in the axes of the body, and a box around it there, (2, 3), m."""
+    (rotation, position), kind, size = pose, int(model.geom_type[geom]), model.geom_size[geom]
+    radius, half, long = _radius(model, geom), model.geom_aabb[geom, 3:], kind in (_CYLINDER, _CAPSULE)
+    if kind == _PLANE:  # 1e10 m all round: its own box ends at the plane, to the rounding of such numbers
+        middle, reach = position, np.full(3, half.max())
+    else:
+        middle, reach = position + rotation @ model.geom_aabb[geom, :3], np.abs(rotation) @ half
+    core = position + np.outer((-size[1], size[1]) if long else (0.0, 0.0), rotation[:, 2])
+    width = float(size[0]) if long else radius
+    piece = Piece(number, geom, None, kind, position, position, radius, core, width, float(half.min()), None)
+    return piece, np.stack((middle - reach, middle + reach))
 
 
 def _count(model: Any, geom: int, pieces: Mapping[int, tuple[Polytope, ...]]) -> int:
