@@ -1,4 +1,4 @@
-"""A plane among the pieces of a fixed object, and under a body of pieces: an infinite piece, which has no middle to be near."""
+"""A plane among the pieces of a fixed object, and under a body of pieces: an infinite piece, without a middle."""
 
 from __future__ import annotations
 
