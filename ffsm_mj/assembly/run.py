@@ -107,7 +107,9 @@ class Recording:
         self._effort = Effort(system) if not self._paced else None
         sinks: list[Sink] = [sink for sink in (tap, self._memory, self._digest, self._effort) if sink is not None]
         outside = self._outside(system, config, live, with_rerun=with_rerun)
-        sinks += [BackgroundSink(outside, folder, postponed)] if outside and postponed is not None else outside
+        if outside and postponed is not None:
+            outside = [BackgroundSink(outside, folder, postponed, rows.block.shape[1])]
+        sinks += outside
         complete, by_clock = None if self._paced else rows.complete, self._paced or clock is None
         self._recorder = Recorder(rows.block, sinks, complete, by_clock=by_clock)
         contacts = assembly.contacts

@@ -2,6 +2,9 @@
 
 A thread would not do: Python lets one thread at a time compute, and a tick that is due would wait for the log. On Windows
 and macOS a process cannot be forked so that its libraries go on to work; there it is a thread all the same.
+
+Rows go through memory that both share, without a call of the operating system, which takes longer than to copy them and may
+give the processor to somebody else. What is rare goes through a pipe.
 """
 
 from __future__ import annotations
@@ -11,10 +14,12 @@ import gc
 import os
 import pickle
 import signal
+import time
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
+from mmap import mmap
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
@@ -41,16 +46,52 @@ else:
 
 _PIPE_BYTES = 1 << 20
 """Of what the run has sent and the process has not read yet; more is for privileged users."""
+_SHARED_ROWS = 2000
+"""Rows that the process has not taken yet; the run waits where there are more."""
+_LOOK_S = 0.02
+"""Time between two looks for what comes, s."""
 _NICENESS = 10
 """The run goes first where both have to share a processor."""
 _CLOSED = "closed"
 
 
+class _SharedRows:
+    """Rows on their way between two processes: a ring in memory that both have after a fork, one writes and one takes."""
+
+    def __init__(self, width: int) -> None:
+        """Get memory for rows of some width."""
+        memory = mmap(-1, 16 + 8 * _SHARED_ROWS * width)
+        self._counts = np.frombuffer(memory, np.int64, 2)  # rows written and taken so far
+        self._rows = np.frombuffer(memory, np.float64, offset=16).reshape(_SHARED_ROWS, width)
+        self._rows.fill(0.0)  # the operating system gives each page at its first use: not in a tick
+
+    @property
+    def written(self) -> int:
+        """Number of rows that have been written."""
+        return int(self._counts[0])
+
+    def write(self, block: FloatArray) -> bool:
+        """Write the next rows; returns False if there is no room for them yet."""
+        written, taken = self._counts.tolist()
+        if written + len(block) - taken > _SHARED_ROWS:
+            return False
+        self._rows[np.arange(written, written + len(block)) % _SHARED_ROWS] = block
+        self._counts[0] = written + len(block)
+        return True
+
+    def take(self, end: int) -> FloatArray:
+        """A copy of the rows that have not been taken, up to a number of all that are written."""
+        taken = int(self._counts[1])
+        rows = self._rows[np.arange(taken, end) % _SHARED_ROWS]
+        self._counts[1] = taken + len(rows)
+        return rows
+
+
 class BackgroundSink(Sink):
-    """Passes everything on to other sinks in a process, in order. What fails there is raised at the next call."""
+    """Passes everything on to other sinks in a process, in order. What fails there is raised at a later call."""
 
     def __init__(
-        self, sinks: Sequence[Sink], folder: RunFolder | None, complete: Callable[[FloatArray], FloatArray]
+        self, sinks: Sequence[Sink], folder: RunFolder | None, complete: Callable[[FloatArray], FloatArray], width: int
     ) -> None:
         """Bind to the sinks.
 
@@ -58,8 +99,10 @@ class BackgroundSink(Sink):
             sinks: They.
             folder: Folder that they write, which is told its final path.
             complete: Makes rows of the blocks that are passed.
+            width: Width of these blocks.
         """
         self._sinks, self._folder, self._complete = tuple(sinks), folder, complete
+        self._rows = _SharedRows(width)
         self._join: Callable[[], object] | None = None
 
     def open(self, header: RunHeader) -> None:
@@ -68,7 +111,7 @@ class BackgroundSink(Sink):
         self._answers, answers = Pipe(duplex=False)
 
         def work() -> None:
-            _Worker(self._sinks, self._complete, tasks, answers).work(header, self._folder)
+            _Worker(self._sinks, self._complete, self._rows, tasks, answers).work(header, self._folder)
 
         if HAS_FORK:
             fcntl(self._tasks.fileno(), F_SETPIPE_SZ, _PIPE_BYTES)
@@ -97,17 +140,22 @@ class BackgroundSink(Sink):
         place = THE_LOG if self._folder is None else self._folder.log
         return LogWriteError(place, OSError(errno.EPIPE, "the process that wrote it is gone"))
 
-    def _send(self, task: str, *arguments: Any) -> None:
+    def _look(self) -> None:
+        """Raise what has failed in the process."""
         if self._answers.poll():
             self._answer()
+
+    def _send(self, task: str, *arguments: Any) -> None:
         try:
-            self._tasks.send((task, arguments))
+            self._tasks.send((self._rows.written, task, arguments))
         except OSError:
             raise self._gone() from None
 
     def rows(self, block: FloatArray) -> None:
         """Pass on a block."""
-        self._send("rows", block)
+        while not self._rows.write(block):
+            self._look()
+            time.sleep(_LOOK_S)
 
     def event(self, event: Event) -> None:
         """Pass on an event."""
@@ -119,6 +167,7 @@ class BackgroundSink(Sink):
 
     def flush(self) -> None:
         """Flush the sinks when they have taken all that came before."""
+        self._look()
         self._send("flush")
 
     def close(self, outcome: OutcomeRecord | None) -> None:
@@ -127,7 +176,7 @@ class BackgroundSink(Sink):
             return
         failures: list[Exception] = []
         with suppress(OSError):  # if the process is gone, its answers end without the last one
-            self._tasks.send(("close", (outcome,)))
+            self._tasks.send((self._rows.written, "close", (outcome,)))
         self._tasks.close()
         answer = None
         with suppress(EOFError, OSError):
@@ -149,11 +198,12 @@ class _Worker:
         self,
         sinks: Sequence[Sink],
         complete: Callable[[FloatArray], FloatArray],
+        rows: _SharedRows,
         tasks: Connection,
         answers: Connection,
     ) -> None:
-        """Bind to the sinks, to what makes their rows, and to the ends of the pipes."""
-        self._sinks, self._complete, self._tasks, self._answers = sinks, complete, tasks, answers
+        """Bind to the sinks, to what makes their rows of those that are shared, and to the ends of the pipes."""
+        self._sinks, self._complete, self._rows, self._tasks, self._answers = sinks, complete, rows, tasks, answers
         self._received: SimpleQueue[tuple[str, tuple[Any, ...]] | None] = SimpleQueue()
         self._blocks: list[FloatArray] = []
 
@@ -171,10 +221,24 @@ class _Worker:
         self._answers.close()
 
     def _receive(self) -> None:
+        seen = 0
         with suppress(EOFError, OSError):
             while True:
-                self._received.put(self._tasks.recv())
+                # Not to wait for what comes: who sends it would have to wake who waits, which takes 0.1 ms.
+                time.sleep(_LOOK_S)
+                while self._tasks.poll():
+                    written, task, arguments = self._tasks.recv()
+                    self._take_rows(written)
+                    self._received.put((task, arguments))
+                # A processor may see the number of rows before it sees the rows, but not for as long as that.
+                self._take_rows(seen)
+                seen = self._rows.written
         self._received.put(None)  # the run was killed: as without a process, its log has what was flushed
+
+    def _take_rows(self, end: int) -> None:
+        rows = self._rows.take(end)
+        if len(rows):
+            self._received.put(("rows", (rows,)))
 
     def _attempt(self, act: Callable[[], None]) -> None:
         try:
