@@ -102,7 +102,7 @@ class BackgroundSink(Sink):
             width: Width of these blocks.
         """
         self._sinks, self._folder, self._complete = tuple(sinks), folder, complete
-        self._rows = _SharedRows(width)
+        self._rows, self._unsent = _SharedRows(width), list[tuple[int, str, tuple[Any, ...]]]()
         self._join: Callable[[], object] | None = None
 
     def open(self, header: RunHeader) -> None:
@@ -145,11 +145,12 @@ class BackgroundSink(Sink):
         if self._answers.poll():
             self._answer()
 
-    def _send(self, task: str, *arguments: Any) -> None:
-        try:
-            self._tasks.send((self._rows.written, task, arguments))
-        except OSError:
-            raise self._gone() from None
+    def _add(self, task: str, *arguments: Any) -> None:
+        self._unsent.append((self._rows.written, task, arguments))
+
+    def _send(self) -> None:
+        unsent, self._unsent = self._unsent, []
+        self._tasks.send(unsent)
 
     def rows(self, block: FloatArray) -> None:
         """Pass on a block."""
@@ -158,25 +159,30 @@ class BackgroundSink(Sink):
             time.sleep(_LOOK_S)
 
     def event(self, event: Event) -> None:
-        """Pass on an event."""
-        self._send("event", event)
+        """Pass on an event, with the next flush."""
+        self._add("event", event)
 
     def state(self, time_s: float, state: bytes) -> None:
-        """Pass on a state of the simulation."""
-        self._send("state", time_s, state)
+        """Pass on a state of the simulation, with the next flush."""
+        self._add("state", time_s, state)
 
     def flush(self) -> None:
         """Flush the sinks when they have taken all that came before."""
         self._look()
-        self._send("flush")
+        self._add("flush")
+        try:
+            self._send()
+        except OSError:
+            raise self._gone() from None
 
     def close(self, outcome: OutcomeRecord | None) -> None:
         """Wait until everything is written and every sink is closed; the first failure is raised."""
         if self._join is None:
             return
         failures: list[Exception] = []
+        self._add("close", outcome)
         with suppress(OSError):  # if the process is gone, its answers end without the last one
-            self._tasks.send((self._rows.written, "close", (outcome,)))
+            self._send()
         self._tasks.close()
         answer = None
         with suppress(EOFError, OSError):
@@ -227,9 +233,9 @@ class _Worker:
                 # Not to wait for what comes: who sends it would have to wake who waits, which takes 0.1 ms.
                 time.sleep(_LOOK_S)
                 while self._tasks.poll():
-                    written, task, arguments = self._tasks.recv()
-                    self._take_rows(written)
-                    self._received.put((task, arguments))
+                    for written, task, arguments in self._tasks.recv():
+                        self._take_rows(written)
+                        self._received.put((task, arguments))
                 # A processor may see the number of rows before it sees the rows, but not for as long as that.
                 self._take_rows(seen)
                 seen = self._rows.written
