@@ -18,6 +18,7 @@ import time
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from contextvars import copy_context
 from functools import partial
 from mmap import mmap
 from multiprocessing import Pipe
@@ -56,13 +57,17 @@ _CLOSED = "closed"
 
 
 class _SharedRows:
-    """Rows on their way between two processes: a ring in memory that both have after a fork, one writes and one takes."""
+    """Rows on their way between two processes: a ring in memory that both have after a fork, one writes and one takes.
+
+    Attributes:
+        failed: Whether something has failed in the process that takes, (1,).
+    """
 
     def __init__(self, width: int) -> None:
         """Get memory for rows of some width."""
-        memory = mmap(-1, 16 + 8 * _SHARED_ROWS * width)
-        self._counts = np.frombuffer(memory, np.int64, 2)  # rows written and taken so far
-        self._rows = np.frombuffer(memory, np.float64, offset=16).reshape(_SHARED_ROWS, width)
+        memory = mmap(-1, 24 + 8 * _SHARED_ROWS * width)
+        self._counts, self.failed = np.split(np.frombuffer(memory, np.int64, 3), [2])  # rows written and taken so far
+        self._rows = np.frombuffer(memory, np.float64, offset=24).reshape(_SHARED_ROWS, width)
         self._rows.fill(0.0)  # the operating system gives each page at its first use: not in a tick
 
     @property
@@ -72,18 +77,17 @@ class _SharedRows:
 
     def write(self, block: FloatArray) -> bool:
         """Write the next rows; returns False if there is no room for them yet."""
-        written, taken = self._counts.tolist()
-        if written + len(block) - taken > _SHARED_ROWS:
+        end, first = self.written + len(block), int(self._counts[1])
+        if end - first > _SHARED_ROWS:
             return False
-        self._rows[np.arange(written, written + len(block)) % _SHARED_ROWS] = block
-        self._counts[0] = written + len(block)
+        self._rows[np.arange(self.written, end) % _SHARED_ROWS] = block
+        self._counts[0] = end
         return True
 
     def take(self, end: int) -> FloatArray:
         """A copy of the rows that have not been taken, up to a number of all that are written."""
-        taken = int(self._counts[1])
-        rows = self._rows[np.arange(taken, end) % _SHARED_ROWS]
-        self._counts[1] = taken + len(rows)
+        rows: FloatArray = self._rows[np.arange(self._counts[1], end) % _SHARED_ROWS]
+        self._counts[1] += len(rows)
         return rows
 
 
@@ -119,7 +123,8 @@ class BackgroundSink(Sink):
             tasks.close()
             answers.close()
         else:
-            thread = Thread(target=work, name="ffsm log", daemon=True)
+            # What NumPy warns of is set for the run, and a thread would begin without that.
+            thread = Thread(target=copy_context().run, args=(work,), name="ffsm log", daemon=True)
             thread.start()
             self._join = thread.join
         path = self._answer()
@@ -140,11 +145,6 @@ class BackgroundSink(Sink):
         place = THE_LOG if self._folder is None else self._folder.log
         return LogWriteError(place, OSError(errno.EPIPE, "the process that wrote it is gone"))
 
-    def _look(self) -> None:
-        """Raise what has failed in the process."""
-        if self._answers.poll():
-            self._answer()
-
     def _add(self, task: str, *arguments: Any) -> None:
         self._unsent.append((self._rows.written, task, arguments))
 
@@ -155,7 +155,7 @@ class BackgroundSink(Sink):
     def rows(self, block: FloatArray) -> None:
         """Pass on a block."""
         while not self._rows.write(block):
-            self._look()
+            self.flush()  # raises if nobody takes them any more
             time.sleep(_LOOK_S)
 
     def event(self, event: Event) -> None:
@@ -168,7 +168,8 @@ class BackgroundSink(Sink):
 
     def flush(self) -> None:
         """Flush the sinks when they have taken all that came before."""
-        self._look()
+        if self._rows.failed[0] and self._answers.poll():  # which takes a while
+            self._answer()
         self._add("flush")
         try:
             self._send()
@@ -255,6 +256,7 @@ class _Worker:
     def _answer(self, answer: Any) -> None:
         with suppress(OSError):  # a run that was killed asks for nothing
             self._answers.send(answer)
+        self._rows.failed[0] |= isinstance(answer, Exception)
 
     def _open(self, header: RunHeader, folder: RunFolder | None) -> None:
         for sink in self._sinks:

@@ -8,6 +8,7 @@ import re
 import signal
 import time
 from pathlib import Path
+from threading import Timer
 
 import numpy as np
 import pytest
@@ -187,6 +188,55 @@ def test_a_log_whose_process_is_killed_is_readable(tmp_path, monkeypatch, proces
     assert 0.2 < read.time[-1] <= 0.5
     assert len(read.impacts) > 1
     assert_replayed(read)
+
+
+@pytest.mark.skipif(not background.HAS_FORK, reason="the log is written in the process of the run")
+def test_a_run_waits_for_a_log_that_is_far_behind(tmp_path, monkeypatch, processes):
+    """Its process is stopped for 0.3 s, in which there would be 60 rows, with room for 40: none is lost."""
+    monkeypatch.setattr(background, "_SHARED_ROWS", 2 * PACED_ROWS)
+
+    def stop():
+        os.kill(processes[0], signal.SIGSTOP)
+        Timer(0.3, os.kill, (processes[0], signal.SIGCONT)).start()
+
+    with monkeypatch.context() as patched:
+        at_each_tick(patched, at(0.1, stop))
+        run = ffsm_mj.run("coasting", PACED | {"control_period_s": 0.005}, out=tmp_path / "run", rerun=False)
+    assert run.outcome == "completed", run.message
+    assert run["clock.late_s"].max() > 0.05
+    assert len(run.time) == 121
+    assert_replayed(ffsm_mj.load_run(tmp_path / "run"))
+
+
+@pytest.mark.skipif(not background.HAS_FORK, reason="the log is written in the process of the run")
+def test_a_run_does_not_wait_for_a_log_whose_process_is_killed(tmp_path, monkeypatch, processes):
+    """Neither events nor the time show it before there is no room for more rows."""
+    monkeypatch.setattr(background, "_SHARED_ROWS", 2 * PACED_ROWS)
+    with monkeypatch.context() as patched:
+        at_each_tick(patched, at(0.1, lambda: os.kill(processes[0], signal.SIGKILL)))
+        run = ffsm_mj.run("coasting", PACED | {"control_period_s": 0.005}, out=tmp_path / "run", rerun=False)
+    assert (run.outcome, run.message) == (
+        "write_failed",
+        f"{tmp_path}/run/run.mcap.partial: the process that wrote it is gone",
+    )
+    assert run.log.outcome.end_s < 0.5
+
+
+def test_shared_rows_come_in_order(rng, monkeypatch):
+    """Of a ring of 50 rows, blocks of up to 30 at a time: none is lost or written over, whatever is taken when."""
+    monkeypatch.setattr(background, "_SHARED_ROWS", 50)
+    shared, written, taken, refused = background._SharedRows(2), 0, [], 0
+    while written < 1000:
+        block = np.arange(written, written + rng.integers(1, 31), dtype=float)[:, None] * [1.0, 2.0]
+        has_room = written + len(block) - sum(map(len, taken)) <= 50
+        assert shared.write(block) == has_room
+        written, refused = written + has_room * len(block), refused + (not has_room)
+        assert shared.written == written
+        if not has_room or rng.random() < 0.5:
+            taken.append(shared.take(written - rng.integers(0, 5)))
+    taken.append(shared.take(written))
+    np.testing.assert_array_equal(np.concatenate(taken), np.arange(written)[:, None] * [1.0, 2.0])
+    assert refused > 10
 
 
 @pytest.mark.skipif(not background.HAS_FORK, reason="the log is written in the process of the run")
