@@ -28,7 +28,8 @@ HOME = {
     **dict.fromkeys(("loops", "steppers", "travel"), "dynamics"),
     "features": "contact",
     **dict.fromkeys(
-        ("contacts", "forces", "mechanisms", "row_evaluator", "rows", "slip_layers", "stages", "steady"), "contact_models"
+        ("closing", "contacts", "forces", "mechanisms", "row_evaluator", "rows", "slip_layers", "stages", "steady"),
+        "contact_models",
     ),
     "free_ticks": "simulation",
     "logged_law": "replay",

@@ -25,7 +25,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
-from ffsm_mj.contact_models.grasp.closing_condition import ClosestApproach, Nearness
+from ffsm_mj.contact_models.grasp.closing_condition import ClosestApproach
 from ffsm_mj.contact_models.grasp.grasped_motion import GraspedMotion
 from ffsm_mj.contact_models.grasp.latch import Latch
 from ffsm_mj.contact_models.grasp.latch_joints import plastic_impulse
@@ -56,7 +56,7 @@ class GraspClosing:
         """
         self._scene, self._latch, self._instant, self._place, self._replaces = scene, latch, instant, place, replaces
         data = scene.data
-        self._near, self._point = Nearness.of(latch.sites.vectors(data)), latch.sites.point(data)
+        self._near, self._point = latch.sites.nearness(data), latch.sites.point(data)
         self._axis_angle_rad = latch.axis_angle_rad()
         self._rates = np.array(data.qvel)
         # Before the impulse: afterwards only the difference would tell what it changed.

@@ -12,19 +12,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import mujoco
 import numpy as np
 
+from ffsm_mj._core.closing import ClosingBounds, Norms, RelativeMotion, SiteMotion
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.dynamics.rigid_body import cross
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.system import System
 from ffsm_mj.state import entries
 from ffsm_mj.ties import FirstOfLeast, first_of_greatest
-from ffsm_mj.tolerances import CANCELLED, EVENT_TIME, EVENT_TIME_S
-
-Vectors = list[list[float]]
-"""Relative vectors: offset in m, rotation vector in rad, velocity in m/s and rad/s, world axes, (4, 3)."""
+from ffsm_mj.tolerances import EVENT_TIME, EVENT_TIME_S
 
 
 class Nearness(NamedTuple):
@@ -42,17 +38,8 @@ class Nearness(NamedTuple):
     speed_m_s: float
     rate_rad_s: float
 
-    @classmethod
-    def of(cls, vectors: Vectors) -> Nearness:
-        """Norms of the relative vectors."""
-        return cls(*(math.hypot(*vector) for vector in vectors))
 
-    def ratio(self, bounds: Sequence[float | None]) -> float:
-        """Largest ratio of a value to its bound; all bounds hold if it is at most 1."""
-        return max(value / bound for value, bound in zip(self, bounds, strict=True) if bound is not None)
-
-
-class Sites:
+class Sites(SiteMotion):
     """The two sites of a grasp in the logged system.
 
     Attributes:
@@ -64,52 +51,19 @@ class Sites:
 
     def __init__(self, system: System, grasp: Grasp) -> None:
         """Look up the sites and their bodies."""
-        self._model = system.mj
         self.robot, self.object = system.index("site", grasp.robot_site), system.index("site", grasp.object_site)
         self.link, self.root = system.index("body", grasp.link), system.index("body", grasp.root)
-        self._one, self._other = np.empty(6), np.empty(6)
+        super().__init__(system.mj, self.link, self.root, self.robot, self.object)
 
     def point(self, data: Any) -> FloatArray:
         """Position of the object's site, world axes, m, (3,)."""
         return np.array(data.site_xpos[self.object])
 
-    def vectors(self, data: Any) -> Vectors:
-        """Relative vectors of the sites at the state in ``data``; positions and velocities must be current."""
-        robot, there = data.site_xmat[self.robot].reshape(3, 3), data.site_xmat[self.object].reshape(3, 3)
-        place, link = data.site_xpos[self.object], data.xpos[self.link]
-        for twist, body in ((self._one, self.link), (self._other, self.root)):
-            mujoco.mj_objectVelocity(self._model, data, mujoco.mjtObj.mjOBJ_XBODY, body, twist, 0)
-        one, other = self._one, self._other  # angular, then linear
-        # Both at the object's site, as on one rigid body: the velocity of the robot's own site would have a part of the
-        # rotation, of the size of the offset.
-        velocity = other[3:] + cross(other[:3], place - data.xpos[self.root])
-        velocity -= one[3:] + cross(one[:3], place - link)
-        offset: list[float] = (place - data.site_xpos[self.robot]).tolist()
-        return [offset, _rotation(there @ robot.T), velocity.tolist(), (other[:3] - one[:3]).tolist()]
-
-    def rounding(self, data: Any) -> Nearness:
-        """How far the norms of the vectors of the last evaluation may differ where they are equal in exact arithmetic.
-
-        Distances and velocities are differences, which are known as well as what cancels in them.
-        """
-        places = (*data.site_xpos[self.robot].tolist(), *data.site_xpos[self.object].tolist())
-        turning, moving = ((*self._one[part].tolist(), *self._other[part].tolist()) for part in (slice(3), slice(3, None)))
-        # The angle has no terms that cancel: atan2 of the relative rotation is known to rounding of numbers of 1.
-        return Nearness(*(CANCELLED * (1.0 + max(map(abs, terms))) for terms in (places, (0.0,), moving, turning)))
+    def nearness(self, data: Any) -> Nearness:
+        """Norms of the relative motion at the state in ``data``; see :meth:`at`."""
+        return Nearness(*self.at(data).norms)
 
 
-def _rotation(turn: FloatArray) -> list[float]:
-    """Rotation vector of a rotation matrix, rad; atan2 keeps its length accurate near zero, where acos is not."""
-    (_, d, g), (b, _, h), (c, f, _) = turn.T.tolist()
-    x, y, z = h - f, c - g, d - b
-    sine = math.hypot(x, y, z)
-    angle = math.atan2(sine, float(np.trace(turn)) - 1.0)
-    # Where the sine is zero the axis is not defined; the norm, which the bounds use, still is the angle.
-    return [x * angle / sine, y * angle / sine, z * angle / sine] if sine else [angle, 0.0, 0.0]
-
-
-_MARGIN = 1.1
-"""Safety factor: relative speeds within a step may exceed those at its ends."""
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 _GOLDEN_TOLERANCE = 1e-6
 """Share of the interval to which a minimum is found: the function is flat there, its value is known to the square of
@@ -118,11 +72,11 @@ _SAMPLES = (0.25, 0.5, 0.75)
 """Shares of a step at which a ratio is sampled: it has one or two extremes in it. These are the fewest that see a dip beside
 a peak."""
 
-At = Callable[[float], Vectors]
-"""Moves to a time of a step in s, and evaluates the relative vectors of the sites there."""
+At = Callable[[float], RelativeMotion]
+"""Moves to a time of a step in s, and evaluates the relative motion of the sites there."""
 
 
-class Bounds:
+class Bounds(ClosingBounds):
     """Bounds of the closing condition of a grasp; None for a value without bound.
 
     Attributes:
@@ -131,53 +85,8 @@ class Bounds:
 
     def __init__(self, bounds: Sequence[float | None]) -> None:
         """Store the bounds, in the order of :class:`~ffsm_mj.contact_models.grasp.closing_condition.Nearness`."""
-        self._bounds = tuple(bounds)
+        super().__init__(bounds)
         self.stated = {name: bound for name, bound in zip(Nearness._fields, bounds, strict=True) if bound is not None}
-
-    def ratio(self, near: Nearness) -> float:
-        """Largest ratio of a value to its bound."""
-        return near.ratio(self._bounds)
-
-    def rate(self, vectors: Vectors, accelerations: Sequence[Sequence[float]]) -> float:
-        """Rate of the largest ratio, 1/s.
-
-        Distance and angle change at the relative velocities along them, speeds at the relative accelerations along them.
-
-        Args:
-            vectors: Relative vectors of the sites.
-            accelerations: Rates of the relative velocities, (2, 3).
-        """
-        ratios = [
-            0.0 if bound is None else math.hypot(*one) / bound for one, bound in zip(vectors, self._bounds, strict=True)
-        ]
-        # The rate of a maximum is that of the value that has it.
-        largest = ratios.index(max(ratios))
-        one, other, bound = vectors[largest], (*vectors[2:], *accelerations)[largest], self._bounds[largest]
-        size, along = math.hypot(*one), sum(a * b for a, b in zip(one, other, strict=True))
-        # A norm at zero has a corner: it rises at the speed of the vector, in whatever direction that is.
-        return (along / size if size else math.hypot(*other)) / (bound or math.inf)
-
-    def may_dip(self, start: Nearness, end: Nearness, duration_s: float) -> bool:
-        """Whether all bounds may hold inside a step although they hold at neither end.
-
-        Distance and angle change no faster than the relative speeds, which gives a lower bound on each; a speed is assumed
-        to fall below its smaller end value by at most the difference of the two.
-        """
-        for i, bound in enumerate(self._bounds):
-            if bound is None:
-                continue
-            if i < 2:
-                # With the largest relative speed v the value is at least start - v t, and at least end - v (T - t): their
-                # mean bounds it for every t.
-                fastest = _MARGIN * max(start[i + 2], end[i + 2])
-                least = 0.5 * (start[i] + end[i] - fastest * duration_s)
-            else:
-                # Accelerations inside a step have no bound: a speed is assumed to bend by no more than it changes over the
-                # step.
-                least = min(start[i], end[i]) - abs(start[i] - end[i])
-            if least > bound:
-                return False
-        return True
 
     def first(self, at: At, duration_s: float) -> float | None:
         """First time at which all bounds hold in a step, s; None if there is none.
@@ -185,12 +94,12 @@ class Bounds:
         The ratio is sampled at a few times; a local minimum among the samples is refined, in case it dips below 1.
 
         Args:
-            at: Moves to a time of the step, and evaluates the vectors there.
+            at: Moves to a time of the step, and evaluates the relative motion there.
             duration_s: Length of the step.
         """
 
         def excess(time_s: float) -> float:
-            return self.ratio(Nearness.of(at(time_s))) - 1.0
+            return self.ratio(at(time_s).norms) - 1.0
 
         return first_at_most_zero(excess, duration_s)
 
@@ -228,39 +137,34 @@ def _root(f: Callable[[float], float], start_s: float, end_s: float) -> float:
     return root
 
 
-def lowest_inside(bounds: Bounds, start: Vectors, end: Vectors, at: At, duration_s: float, enough: float) -> float | None:
+def lowest_inside(
+    bounds: Bounds, start: RelativeMotion, end: RelativeMotion, at: At, duration_s: float, enough: float
+) -> float | None:
     """Time inside a step at which the largest ratio first falls and then rises, s; None if it does not.
 
     The minimum is the root of the rate of the ratio, which is known to rounding there; the ratio itself is flat.
 
     Args:
         bounds: The bounds.
-        start: Relative vectors at the start of the step.
-        end: Those at its end.
-        at: Moves to a time of the step, and evaluates the vectors there.
+        start: Relative motion at the start of the step.
+        end: That at its end.
+        at: Moves to a time of the step, and evaluates the relative motion there.
         duration_s: Length of the step.
         enough: Minima that are certainly above this do not matter.
     """
+    lowest_ratio = bounds.lowest_by_tangents(start, end, duration_s)
+    # Of a function that is not quite convex, the minimum is assumed to be at most twice as deep: a step at rest, where rates
+    # are rounding, is not searched.
+    if not 2.0 * lowest_ratio - min(bounds.ratio(one.norms) for one in (start, end)) <= enough:
+        return None
     from scipy.optimize import brentq  # takes a second to import: only runs with a grasp pay
 
-    # A part of a step without length has no mean acceleration.
-    if not duration_s > 0.0:
-        return None
-    mean = [[(b - a) / duration_s for a, b in zip(*both, strict=True)] for both in zip(start[2:], end[2:], strict=True)]
-    falls, rises = bounds.rate(start, mean), bounds.rate(end, mean)
-    # Monotone or with a maximum: the least value is at one of the ends, which are added anyway.
-    if not falls < 0.0 < rises:
-        return None
-    # The tangents at both ends meet at or below the minimum of a convex function. Of one that is not quite convex, the
-    # minimum is assumed to be at most twice as deep: a step at rest, where rates are rounding, is not searched.
-    before, after = (bounds.ratio(Nearness.of(vectors)) for vectors in (start, end))
-    lowest_m = (before * rises - after * falls + falls * rises * duration_s) / (rises - falls)
-    if 2.0 * lowest_m - min(before, after) > enough:
-        return None
-    middle = at(0.5 * duration_s)
+    first, last = start.vectors[2:], end.vectors[2:]
+    mean = [[(b - a) / duration_s for a, b in zip(*both, strict=True)] for both in zip(first, last, strict=True)]
+    middle = at(0.5 * duration_s).vectors
     bends = [
         [2.0 * (a - 2.0 * m + b) / duration_s for a, m, b in zip(*three, strict=True)]
-        for three in zip(start[2:], middle[2:], end[2:], strict=True)
+        for three in zip(first, middle[2:], last, strict=True)
     ]
 
     def rate(time_s: float) -> float:
@@ -325,30 +229,30 @@ class ClosestApproach:
         self.bounds, self._clock_s, self._rounding = bounds, time_s, 0.0
         self._least = FirstOfLeast[_Approach]()
 
-    def add_step(self, start: Vectors, end: Vectors, at: At, duration_s: float, rounding: Nearness) -> None:
+    def add_step(self, start: RelativeMotion, end: RelativeMotion, at: At, duration_s: float, rounding: Norms) -> None:
         """Add a finished (sub-)step.
 
         Args:
-            start: Relative vectors at its start.
-            end: Those at its end.
-            at: Moves to a time of the step, and evaluates the vectors there.
+            start: Relative motion at its start.
+            end: That at its end.
+            at: Moves to a time of the step, and evaluates the relative motion there.
             duration_s: Its length.
             rounding: Rounding of the norms.
         """
         # Ratios closer than this are equal, and the first one counts: else rounding would choose the time in the record.
         self._rounding = self.bounds.ratio(rounding)
-        self._add(Nearness.of(start), 0.0)
+        self._add(start.norms, 0.0)
         inside_s = lowest_inside(self.bounds, start, end, at, duration_s, self._least.least - self._rounding)
         if inside_s is not None:
-            self._add(Nearness.of(at(inside_s)), inside_s)
-        self._add(Nearness.of(end), duration_s)
+            self._add(at(inside_s).norms, inside_s)
+        self._add(end.norms, duration_s)
         self._clock_s += duration_s
 
-    def add_end(self, vectors: Vectors) -> None:
+    def add_end(self, motion: RelativeMotion) -> None:
         """Add the state at which it is disarmed, which an event at the end of the last step may have changed."""
         # Without a finished step there is no approach: a state at the time of arming alone does not count as a miss.
         if self._least.first() is not None:
-            self._add(Nearness.of(vectors), 0.0)
+            self._add(motion.norms, 0.0)
 
     def get_state(self) -> State:
         """The approach so far."""
@@ -369,8 +273,9 @@ class ClosestApproach:
         self._clock_s = time_s
         self._add(near, 0.0)
 
-    def _add(self, near: Nearness, after_s: float) -> None:
-        self._least.add(self.bounds.ratio(near), self._rounding, _Approach(self._clock_s + after_s, near))
+    def _add(self, norms: Norms, after_s: float) -> None:
+        if not (ratio := self.bounds.ratio(norms)) >= self._least.least:
+            self._least.add(ratio, self._rounding, _Approach(self._clock_s + after_s, Nearness(*norms)))
 
     def first(self) -> tuple[Nearness, float, str] | None:
         """Relative pose and velocity at it, its time in s, and which value has the largest ratio; None before a step."""

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from ffsm_mj._core.closing import Norms, RelativeMotion
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.grasp.closing_condition import At, Bounds, ClosestApproach, Nearness, Sites, Vectors
+from ffsm_mj.contact_models.grasp.closing_condition import At, Bounds, ClosestApproach, Sites
 from ffsm_mj.contact_models.grasp.config import GraspConfig
 from ffsm_mj.contact_models.grasp.grasped_motion import GraspedMotion
 from ffsm_mj.contact_models.grasp.latch_joints import axis_angle_rad
@@ -86,8 +87,8 @@ class Latch:
         self.contacts = frozenset(config.when.touch or ())
         stated = config.when.within.bounds if config.when.within is not None else ()
         self._bounds = Bounds(stated) if stated else None
-        self._step_start: Vectors | None = None
-        self._step_end: tuple[float, Vectors] = math.nan, []
+        self._step_start: RelativeMotion | None = None
+        self._step_end: tuple[float, RelativeMotion] | None = None
         self.armed = False
         self.closest: ClosestApproach | None = None
 
@@ -98,8 +99,8 @@ class Latch:
     def set_state(self, state: Any) -> None:
         """Go on from a state."""
         values = entries(state, ("armed", "closest"), f"grasp {self.grasp.name}")
-        # Vectors of the step before belong to another state; they are evaluated anew where they are missing.
-        self.armed, self._step_start, self._step_end = bool(values["armed"]), None, (math.nan, [])
+        # What was seen in the step before belongs to another state; it is evaluated anew where it is missing.
+        self.armed, self._step_start, self._step_end = bool(values["armed"]), None, None
         self.closest = None
         if values["closest"] is not None and self._bounds is not None:
             self.closest = ClosestApproach(self._bounds, math.nan)
@@ -123,7 +124,7 @@ class Latch:
     def end_approach(self) -> ClosestApproach | None:
         """Closest approach to its bounds up to the state in ``data``; None without bounds."""
         if self.closest is not None:
-            self.closest.add_end(self.sites.vectors(self._data))
+            self.closest.add_end(self.sites.at(self._data))
         return self.closest
 
     def _load_now(self) -> FloatArray:
@@ -150,9 +151,9 @@ class Latch:
         """Discard the start of the step: the state changed discontinuously."""
         self._step_start = None
 
-    def ratio(self, near: Nearness) -> float:
+    def ratio(self, norms: Norms) -> float:
         """Largest ratio of a value to its bound; the condition holds at 1 or below."""
-        return self._bounds.ratio(near) if self._bounds is not None else 0.0
+        return self._bounds.ratio(norms) if self._bounds is not None else 0.0
 
     def is_within(self) -> bool:
         """Whether its bounds hold at the state in ``data``, at the start of a step, or are exceeded by rounding at most.
@@ -160,10 +161,10 @@ class Latch:
         Sites may come to rest at a bound, and several grasps reach theirs at one instant: rounding closes none or all.
         """
         if self._step_start is None:
-            self._step_start = self.sites.vectors(self._data)
-        ratio = self.ratio(Nearness.of(self._step_start))
+            self._step_start = self.sites.at(self._data)
+        ratio = self.ratio(self._step_start.norms)
         # The rounding is evaluated only near the bound: far from it the answer is known.
-        return ratio <= 1.0 or (ratio < 2.0 and ratio <= 1.0 + self.ratio(self.sites.rounding(self._data)))
+        return ratio <= 1.0 or (ratio < 2.0 and ratio <= 1.0 + self.ratio(self.sites.rounding()))
 
     def was_clear(self, longest_s: float) -> bool:
         """Whether its bounds hold neither at the end of the last step, of at most ``longest_s``, nor seem to inside it.
@@ -173,10 +174,9 @@ class Latch:
         # Without bounds nothing closes inside a step; without a start it was not watched in this one.
         if self._bounds is None or self._step_start is None:
             return True
-        self._step_end = float(self._data.time), self.sites.vectors(self._data)
-        start, end = Nearness.of(self._step_start), Nearness.of(self._step_end[1])
+        _, end = self._step_end = float(self._data.time), self.sites.at(self._data)
         # Both ends outside is not enough: a fast pass may satisfy all bounds between them.
-        return self.ratio(end) > 1.0 and not self._bounds.may_dip(start, end, longest_s)
+        return self.ratio(end.norms) > 1.0 and not self._bounds.may_dip(self._step_start, end, longest_s)
 
     def first(self, path: StepPath, duration_s: float) -> float | None:
         """First time at which its bounds hold within ``duration_s`` of the last step; None if they do not."""
@@ -187,20 +187,21 @@ class Latch:
         if self.closest is None:
             return
         # was_clear() has evaluated the end of the step, unless an event of another model shortened it since.
-        end = self._step_end[1] if self._step_end[0] == self._data.time else self.sites.vectors(self._data)
-        rounding, at = self.sites.rounding(self._data), self._along(path)
+        known = self._step_end is not None and self._step_end[0] == self._data.time
+        end = self._step_end[1] if self._step_end is not None and known else self.sites.at(self._data)
+        rounding, at = self.sites.rounding(), self._along(path)
         # After an event or an arming the start has not been evaluated: the path can go back to it.
         start = at(0.0) if self._step_start is None else self._step_start
         self.closest.add_step(start, end, at, duration_s, rounding)
         # The approach was looked at along the path: the state goes back to the end of the step.
         path.move_to(duration_s)
-        self._step_start, self._step_end = end, (math.nan, [])
+        self._step_start, self._step_end = end, None
 
     def _along(self, path: StepPath) -> At:
-        """Return a function that evaluates the relative vectors at a time of the step."""
+        """Return a function that evaluates the relative motion at a time of the step."""
 
-        def at(time_s: float) -> Vectors:
+        def at(time_s: float) -> RelativeMotion:
             path.move_to(time_s)
-            return self.sites.vectors(self._data)
+            return self.sites.at(self._data)
 
         return at

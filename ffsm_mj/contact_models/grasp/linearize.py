@@ -125,7 +125,7 @@ class _Closing(SmoothEvent):
         super().__init__(system.mj)
         self._sites, self._grasp = Sites(system, grasp), grasp
         self.go_to(np.array(data.qpos), np.array(data.qvel))
-        near = Nearness.of(self._sites.vectors(self._data))
+        near = self._sites.nearness(self._data)
         ratios = np.array([0.0 if b is None else x / b for x, b in zip(near, bounds, strict=True)])
         deciding = np.flatnonzero(ratios >= ratios.max() - _AT_BOUND)
         names = Nearness._fields
@@ -160,7 +160,7 @@ class _Closing(SmoothEvent):
     def outcome(self, qpos: FloatArray, qvel: FloatArray) -> FloatArray:
         """Velocities after, impulse, loss, and the ratio that decides, (nv + 8,)."""
         closing = self.closing(qpos, qvel)
-        ratio = Nearness.of(self._sites.vectors(self._data))[self._which] / self._bound
+        ratio = self._sites.nearness(self._data)[self._which] / self._bound
         return np.concatenate((qvel + closing.change, closing.impulses, [closing.loss_J, ratio]))
 
     def closed_acceleration(self, qpos: FloatArray, qvel: FloatArray, effort: FloatArray | None) -> FloatArray:
