@@ -26,7 +26,7 @@ PACKAGES = (ROOT / "ffsm_mj", ROOT / "controllers" / "ffsm_controllers")
 CORE = "ffsm_mj._core."
 HOME = {
     **dict.fromkeys(("loops", "steppers", "travel"), "dynamics"),
-    "features": "contact",
+    **dict.fromkeys(("features", "near_pieces"), "contact"),
     **dict.fromkeys(
         ("closing", "contacts", "forces", "mechanisms", "row_evaluator", "rows", "slip_layers", "stages", "steady"),
         "contact_models",

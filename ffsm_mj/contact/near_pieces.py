@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
+from ffsm_mj._core.near_pieces import PieceBounds
+from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.contact.features.gap_function import Feature
 from ffsm_mj.contact.shape import Shape
 from ffsm_mj.contact.sides import Piece, Side
@@ -28,39 +29,25 @@ class NearPieces:
 
     def __init__(self, sides: tuple[Side, Side]) -> None:
         """Take the bodies."""
-        self._sides = sides
+        self._sides, self._bounds = sides, PieceBounds(*(side.bounding for side in sides))
 
     def _between(self, data: Any) -> tuple[FloatArray, FloatArray]:
         """Rotation and position of the axes of b in those of a."""
         (a, b), axes = self._sides, data.xmat[self._sides[0].body].reshape(3, 3)
         return axes.T @ data.xmat[b.body].reshape(3, 3), (data.xpos[b.body] - data.xpos[a.body]) @ axes
 
-    def within(self, among: BoolArray, data: Any, reach: float) -> tuple[IntArray, FloatArray]:
-        """Places of those pairs that may be within a reach, and lower bounds of their gaps, m, (n,) each.
+    def within(self, among: BoolArray, data: Any, reach: float, without: int = -1) -> list[tuple[float, int]]:
+        """Pairs that may be within a reach: a lower bound of the gap of each, m, and its place, the least bound first.
 
         Args:
             among: Which pairs count, (pieces of a, pieces of b).
             data: MuJoCo's data, kinematics current.
             reach: The reach, m.
+            without: Place of a pair that does not count; -1: all do.
         """
-        (a, b), (rotation, position) = self._sides, self._between(data)
-        if among.size <= _FEW:
-            ours, theirs = np.nonzero(among)
-        else:
-            ours, theirs = a.tree.pairs(b.tree, rotation, position, max(reach, 0.0)).T
-            chosen = among[ours, theirs]
-            ours, theirs = ours[chosen], theirs[chosen]
-        apart = a.centres[ours] - (b.centres @ rotation.T + position)[theirs]
-        bounds = np.sqrt(np.einsum("ni,ni->n", apart, apart)) - a.radii[ours] - b.radii[theirs]
-        near = bounds <= reach  # faces are looked at of few only
-        ours, theirs, bounds = ours[near], theirs[near], bounds[near]
-        if not len(ours):
-            return ours, bounds
-        over_theirs = b.above(theirs, ((a.cores - position) @ rotation)[ours]) - a.widths[ours]
-        over_ours = a.above(ours, (b.cores @ rotation.T + position)[theirs]) - b.widths[theirs]
-        bounds = np.maximum(bounds, np.maximum(over_theirs, over_ours))
-        near = bounds <= reach
-        return (ours * len(b.pieces) + theirs)[near], bounds[near]
+        a, b = self._sides
+        pairs = None if among.size <= _FEW else a.tree.pairs(b.tree, *self._between(data), max(reach, 0.0))
+        return self._bounds.within(among.view(np.uint8), pairs, data, reach, without)
 
     def first_guess(self, among: BoolArray, data: Any) -> int:
         """Place of that of some pairs whose centres are nearest to each other; -1 if there is none."""

@@ -14,6 +14,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from ffsm_mj._core.near_pieces import PiecesOfBody
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.features.body_motion import Vector
@@ -103,8 +104,6 @@ class Side:
         self._rods = rods
         self.centres: FloatArray = np.array([piece.centre for piece in pieces])
         self.radii: FloatArray = np.array([piece.radius for piece in pieces])
-        self.cores: FloatArray = np.array([piece.core for piece in pieces])
-        self.widths: FloatArray = np.array([piece.width for piece in pieces])
 
     @cached_property
     def _polytopes(self) -> frozenset[int]:
@@ -121,27 +120,16 @@ class Side:
         return float((np.linalg.norm(self.centres - middle, axis=1) + self.radii).max())
 
     @cached_property
-    def _planes(self) -> tuple[FloatArray, FloatArray]:
-        """Normals, (n, f, 3), and offsets, (n, f), m, of up to _FACES faces of each piece; infinite offsets: no face."""
+    def bounding(self) -> PiecesOfBody:
+        """Spheres, segments and up to _FACES faces of each piece."""
         normals, offsets = np.zeros((len(self.pieces), _FACES, 3)), np.full((len(self.pieces), _FACES), np.inf)
         for piece in self.pieces:
             if piece.polytope is not None:
                 count = min(len(piece.polytope.offsets), _FACES)
                 normals[piece.number, :count] = piece.polytope.normals[:count]
                 offsets[piece.number, :count] = piece.polytope.offsets[:count]
-        return normals, offsets
-
-    def above(self, pieces: IntArray, cores: FloatArray) -> FloatArray:
-        """Greatest heights of segments, (n, 2, 3), axes of the body, over faces of one piece each, m, (n,).
-
-        No point of the piece is nearer than that; -inf over round ones, which have no faces.
-        """
-        normals, offsets = self._planes
-        start, end = np.einsum("nfi,nei->enf", normals[pieces], cores)
-        heights = np.minimum(start, end) - offsets[pieces]
-        while half := heights.shape[1] // 2:  # numpy takes three times as long for a maximum along a short axis
-            heights = np.maximum(heights[:, :half], heights[:, half:])
-        return np.asarray(heights[:, 0])
+        cores, widths = (np.array([getattr(piece, name) for piece in self.pieces]) for name in ("core", "width"))
+        return PiecesOfBody(self.body, self.centres, self.radii, cores, widths, normals, offsets)
 
     @cached_property
     def _corners(self) -> tuple[FloatArray, IntArray]:

@@ -238,8 +238,8 @@ class UnionPair(ContactPair):
             reach: The reach.
             among: Which pairs count, (pieces of a, pieces of b); None: all of the rule.
         """
-        numbers, _ = self._near.within(self._allowed if among is None else among, data, reach)
-        gaps = ((self.piece_pair(k).gap(model, data, reach), k) for k in numbers.tolist())
+        near = self._near.within(self._allowed if among is None else among, data, reach)
+        gaps = ((self.piece_pair(k).gap(model, data, reach), k) for _, k in near)
         return sorted((gap, k) for gap, k in gaps if gap < reach)
 
     def gap(self, model: Any, data: Any, limit: float = FAR_M) -> float:
@@ -256,15 +256,12 @@ class UnionPair(ContactPair):
         if first < 0:
             return limit, first
         best = self.piece_pair(first).gap(model, data, limit), first
-        others = among.copy()
-        others.flat[first] = False
-        numbers, bounds = self._near.within(others, data, best[0])
-        for k in np.argsort(bounds, kind="stable").tolist():
-            if bounds[k] >= best[0]:
+        for bound, k in self._near.within(among, data, best[0], first):
+            if bound >= best[0]:
                 break
             # A pair that is farther away says the limit, the gap of the nearest one so far.
-            gap = self.piece_pair(int(numbers[k])).gap(model, data, best[0])
-            best = (gap, int(numbers[k])) if gap < best[0] else best
+            gap = self.piece_pair(k).gap(model, data, best[0])
+            best = (gap, k) if gap < best[0] else best
         return best
 
     def _nearest_pair(self, model: Any, data: Any) -> PiecePair:

@@ -1,0 +1,25 @@
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ffsm_mj.arrays import FloatArray, IntArray
+
+class PiecesOfBody:
+    count: int
+    def __init__(
+        self,
+        body: int,
+        centres: FloatArray,
+        radii: FloatArray,
+        cores: FloatArray,
+        widths: FloatArray,
+        normals: FloatArray,
+        offsets: FloatArray,
+    ) -> None: ...
+
+class PieceBounds:
+    def __init__(self, a: PiecesOfBody, b: PiecesOfBody) -> None: ...
+    def within(
+        self, among: npt.NDArray[np.uint8], pairs: IntArray | None, data: Any, reach: float, without: int
+    ) -> list[tuple[float, int]]: ...
