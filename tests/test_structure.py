@@ -26,10 +26,9 @@ PACKAGES = (ROOT / "ffsm_mj", ROOT / "controllers" / "ffsm_controllers")
 CORE = "ffsm_mj._core."
 HOME = {
     **dict.fromkeys(("loops", "steppers", "travel"), "dynamics"),
-    **dict.fromkeys(("features", "near_pieces"), "contact"),
+    "features": "contact",
     **dict.fromkeys(
-        ("closing", "contacts", "forces", "mechanisms", "row_evaluator", "rows", "slip_layers", "stages", "steady"),
-        "contact_models",
+        ("contacts", "forces", "mechanisms", "row_evaluator", "rows", "slip_layers", "stages", "steady"), "contact_models"
     ),
     "free_ticks": "simulation",
     "logged_law": "replay",

@@ -11,6 +11,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from ffsm_mj._core.gap_bounds import SphereBounds
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.joint_limit import LimitCoordinates
 from ffsm_mj.contact.pairs import UnilateralConstraint, by_kind
@@ -41,24 +42,19 @@ class BroadPhase:
         self.pairs, self._model = tuple(pairs), model
         geoms, limits = by_kind(pairs)
         ids = np.array([pair.ids for pair in geoms], dtype=np.intp).reshape(-1, 2)
-        self._a, self._b = np.ascontiguousarray(ids.T)
         on_a, on_b = (model.geom_type[ids] == int(mujoco.mjtGeom.mjGEOM_PLANE)).T
-        self._over = np.flatnonzero(on_a | on_b)
-        self._planes = np.where(on_a, self._a, self._b)[self._over]
-        self._senses = np.where(on_a, -1.0, 1.0)[self._over]
         self._coordinates = LimitCoordinates(limits)
         self._signs, self._limits = np.array([(limit.sign, limit.limit) for limit in limits]).reshape(-1, 2).T
-        spheres = np.array([sum(pair.radii) for pair in geoms])
+        spheres = np.array([sum(pair.radii) for pair in geoms], dtype=np.float64)
+        a, b = np.ascontiguousarray(ids.T)
+        self._spheres = SphereBounds(a, b, spheres, np.where(on_a, -1.0, 1.0 * on_b))
         self.radii: FloatArray = np.concatenate((spheres, np.full(len(limits), -np.inf)))
 
     def gaps(self, data: Any) -> FloatArray:
         """Distances between the spheres and from the limits at the state in ``data``, m or rad, (n,): no gap is smaller."""
-        apart = data.geom_xpos[self._a] - data.geom_xpos[self._b]
-        centres = np.sqrt(np.einsum("ij,ij->i", apart, apart))
-        if len(self._over):
-            axes = data.geom_xmat[self._planes][:, 2::3]
-            centres[self._over] = self._senses * np.einsum("ij,ij->i", apart[self._over], axes)
-        spheres = centres - self.radii[: len(self._a)]
+        spheres = self._spheres.gaps(data)
+        if not len(self._limits):
+            return spheres
         return np.concatenate((spheres, self._signs * (self._coordinates.at(data) - self._limits)))
 
     def within(self, data: Any, distance: float) -> Sequence[int]:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ffsm_mj._core.near_pieces import PieceBounds
+from ffsm_mj._core.gap_bounds import PieceBounds
 from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.contact.features.gap_function import Feature
 from ffsm_mj.contact.shape import Shape

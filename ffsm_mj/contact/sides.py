@@ -14,7 +14,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_mj._core.near_pieces import PiecesOfBody
+from ffsm_mj._core.gap_bounds import PiecesOfBody
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.features.body_motion import Vector

@@ -5,6 +5,10 @@ import numpy.typing as npt
 
 from ffsm_mj.arrays import FloatArray, IntArray
 
+class SphereBounds:
+    def __init__(self, a: IntArray, b: IntArray, radii: FloatArray, senses: FloatArray) -> None: ...
+    def gaps(self, data: Any) -> FloatArray: ...
+
 class PiecesOfBody:
     count: int
     def __init__(

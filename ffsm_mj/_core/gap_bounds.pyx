@@ -1,7 +1,45 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True
-"""Lower bounds on the gaps of pairs of pieces of two rigid bodies: by spheres around them, and by heights over their faces."""
+"""Lower bounds on gaps: of geoms by spheres around them, of pieces of two rigid bodies also by heights over their faces."""
+
+import numpy as np
 
 from libc.math cimport INFINITY, sqrt
+
+
+cdef class SphereBounds:
+    """Gaps of the spheres around the geoms of many pairs, one of which may be a plane."""
+
+    cdef const Py_ssize_t[::1] a, b
+    cdef const double[::1] radii, senses
+
+    def __init__(self, a, b, radii, senses):
+        """Take n pairs.
+
+        Args:
+            a: Ids of the first geoms, (n,).
+            b: Ids of the second ones.
+            radii: Sums of the radii of the spheres, m, (n,).
+            senses: 1 where the second geom is a plane, -1 where the first one is, else 0, (n,).
+        """
+        self.a, self.b, self.radii, self.senses = a, b, radii, senses
+
+    def gaps(self, data):
+        """Gaps at the state in ``data``, m, (n,)."""
+        cdef const double[:, ::1] centres = data.geom_xpos, axes = data.geom_xmat
+        cdef double[::1] gaps = np.empty(len(self.a))
+        cdef double[3] apart
+        cdef const double* z
+        cdef Py_ssize_t i
+        cdef int k
+        for i in range(len(self.a)):
+            for k in range(3):
+                apart[k] = centres[self.a[i], k] - centres[self.b[i], k]
+            if self.senses[i] == 0.0:
+                gaps[i] = sqrt(dot(apart, apart)) - self.radii[i]
+            else:
+                z = &axes[self.b[i] if self.senses[i] > 0.0 else self.a[i], 0]
+                gaps[i] = self.senses[i] * (apart[0] * z[2] + apart[1] * z[5] + apart[2] * z[8]) - self.radii[i]
+        return gaps.base
 
 
 cdef class PiecesOfBody:
