@@ -3,8 +3,6 @@
 
 from math import hypot  # rounds better than the square root of a sum
 
-import numpy as np
-
 from libc.math cimport atan2, fabs, INFINITY, isinf, NAN
 
 from ffsm_mj._core.functions cimport address, mj, mjData, mjModel, mjOBJ_XBODY
@@ -15,6 +13,10 @@ Norms = tuple[float, float, float, float]
 
 cdef double _CANCELLED = CANCELLED
 cdef double _MARGIN = 1.1  # relative speeds within a step may exceed those at its ends by this factor
+
+
+cdef inline double dot(const double* a, const double* b) noexcept nogil:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 cdef inline void cross(const double* a, const double* b, double* out) noexcept nogil:
@@ -44,15 +46,13 @@ cdef class SiteMotion:
     cdef const mjModel* m
     cdef int link_body, root_body, robot_site, object_site
     cdef double[6] one, other  # twists of the link and of the object's base in the last evaluation, angular first
-    cdef const double[:, ::1] sites, bodies
-    cdef const double[:, ::1] turn
-    cdef object model, data, matrices, turned
+    cdef const double[:, ::1] sites, bodies, frames
+    cdef object model, data
 
     def __init__(self, model, int link, int root, int robot_site, int object_site):
         """Bind to ids of the bodies and sites: link and object's base, robot's and object's site."""
         self.model, self.m, self.data = model, <const mjModel*>address(model), None
         self.link_body, self.root_body, self.robot_site, self.object_site = link, root, robot_site, object_site
-        self.turned = self.turn = np.empty((3, 3))
 
     def at(self, data):
         """Relative motion at the state in ``data``; positions and velocities must be current."""
@@ -62,13 +62,14 @@ cdef class SiteMotion:
         cdef const double* place
         cdef const double* link
         cdef const double* root
-        cdef const double[:, ::1] t = self.turn
+        cdef const double* there
+        cdef const double* robot
         cdef double[3] arm, moved
+        cdef double[9] turn
         cdef double sine, angle
-        cdef int i
+        cdef int i, k
         if data is not self.data:
-            there, robot = (data.site_xmat[site].reshape(3, 3) for site in (self.object_site, self.robot_site))
-            self.data, self.matrices, self.sites, self.bodies = data, (there, robot.T), data.site_xpos, data.xpos
+            self.data, self.sites, self.frames, self.bodies = data, data.site_xpos, data.site_xmat, data.xpos
         mj.objectVelocity(self.m, d, mjOBJ_XBODY, self.link_body, self.one, 0)
         mj.objectVelocity(self.m, d, mjOBJ_XBODY, self.root_body, self.other, 0)
         place = &self.sites[self.object_site, 0]
@@ -84,11 +85,14 @@ cdef class SiteMotion:
         for i in range(3):
             values[6 + i] -= self.one[3 + i] + moved[i]
             values[9 + i] = self.other[i] - self.one[i]
-        np.matmul(*self.matrices, out=self.turned)  # rounds as elsewhere
-        values[3], values[4], values[5] = t[2, 1] - t[1, 2], t[0, 2] - t[2, 0], t[1, 0] - t[0, 1]
+        there, robot = &self.frames[self.object_site, 0], &self.frames[self.robot_site, 0]
+        for i in range(3):
+            for k in range(3):
+                turn[3 * i + k] = dot(there + 3 * i, robot + 3 * k)
+        values[3], values[4], values[5] = turn[7] - turn[5], turn[2] - turn[6], turn[3] - turn[1]
         # atan2 keeps the angle accurate near zero, where acos is not.
         sine = hypot(values[3], values[4], values[5])
-        angle = atan2(sine, t[0, 0] + t[1, 1] + t[2, 2] - 1.0)
+        angle = atan2(sine, turn[0] + turn[4] + turn[8] - 1.0)
         # Where the sine is zero the axis is not defined; the norm, which the bounds use, still is the angle.
         for i in range(3):
             values[3 + i] = values[3 + i] * angle / sine if sine != 0.0 else angle if i == 0 else 0.0

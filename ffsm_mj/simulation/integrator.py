@@ -189,7 +189,7 @@ class EventDrivenIntegrator:
         return min([left_s, *[source.begin_step(left_s) for source in self._active]])
 
     def _event_bound(self) -> float:
-        return min((source.event_bound for source in self.event_sources), default=math.inf)
+        return min([source.event_bound for source in self.event_sources], default=math.inf)  # in every step
 
     @property
     def columns(self) -> list[Columns]:
