@@ -127,7 +127,7 @@ cdef class ClosingBounds:
         for i in range(4):
             self.bounds[i] = INFINITY if bounds[i] is None else bounds[i]
 
-    cpdef double ratio(self, tuple norms):
+    cpdef double ratio(self, norms) except *:
         """Largest ratio of a value to its bound; all bounds hold if it is at most 1."""
         cdef double largest = -INFINITY
         cdef int i

@@ -126,7 +126,7 @@ cdef class PieceBounds:
         cdef Axes* to_a = &self.from_b
         cdef Axes* to_b = &self.from_a
         cdef Py_ssize_t i, k
-        cdef list found = []
+        cdef list near = []
         for i in range(3):
             to_a.shift[i] = 0.0
             for k in range(3):
@@ -138,16 +138,16 @@ cdef class PieceBounds:
             for i in range(self.a.count):
                 for k in range(self.b.count):
                     if among[i, k]:
-                        self.look_at(i, k, reach, without, found)
+                        self.look_at(i, k, reach, without, near)
         else:
             some = pairs
             for i in range(some.shape[0]):
                 if among[some[i, 0], some[i, 1]]:
-                    self.look_at(some[i, 0], some[i, 1], reach, without, found)
-        found.sort()
-        return found
+                    self.look_at(some[i, 0], some[i, 1], reach, without, near)
+        near.sort()
+        return near
 
-    cdef int look_at(self, Py_ssize_t i, Py_ssize_t k, double reach, Py_ssize_t without, list found) except -1:
+    cdef int look_at(self, Py_ssize_t i, Py_ssize_t k, double reach, Py_ssize_t without, list near) except -1:
         """Add a pair if it may be within the reach."""
         cdef PiecesOfBody a = self.a, b = self.b
         cdef Py_ssize_t place = i * b.count + k
@@ -165,5 +165,5 @@ cdef class PieceBounds:
         moved(&self.from_b, &b.cores[k, 1, 0], end)
         bound = max(bound, a.above(i, start, end) - b.widths[k])
         if bound <= reach:
-            found.append((bound, place))
+            near.append((bound, place))
         return 0
