@@ -118,6 +118,12 @@ class PointOnCone(GapFunction):
         super().__init__(name, swapped, cone.radius, point.radius)
         self._cone, self._point, self._part = cone, point, part
 
+    def turn_rate(self, data: Any) -> float:
+        """Bound on the rate of the angle round the axis, and on that of the logarithm of the distance from it, 1/s."""
+        motion = self._point.body.motion(data)
+        arm = motion.turned(self._point.centre)
+        return turn_rate(self._cone, shifted(motion.origin, 1.0, arm), motion.velocity_at(arm), data)
+
     def at(self, data: Any) -> FeatureState:
         """Evaluate the gap; the terms of gap'' are 2 (omega x n) . w and the curvature along the motion."""
         cone, first, second = self._cone, self._cone.body.motion(data), self._point.body.motion(data)
@@ -186,6 +192,11 @@ class RoundOnCone(GapFunction):
         _, rho, _ = from_axis(cone, first.local(minus(shifted(second.origin, 1.0, arm), first.origin)))
         return 1.0 - cone.cosine * stiff / rho, 0.0, 0.0
 
+    def turn_rate(self, data: Any) -> float:
+        """See :meth:`PointOnCone.turn_rate`; of the contact point, which travels over both surfaces."""
+        x, y, z = (at := self.at(data)).point.tolist()
+        return turn_rate(self._cone, (x, y, z), at.point_rate, data)
+
     def at(self, data: Any) -> FeatureState:
         """Evaluate the gap at the generator that follows from the last one."""
         cone, core = self._cone, self._core
@@ -234,6 +245,21 @@ class RoundOnCone(GapFunction):
             if abs(step) < NEWTON_STEP:
                 break
         return outward, arm, stiff
+
+
+def turn_rate(cone: Cone, place: Vector, velocity: Vector, data: Any) -> float:
+    """Speed of a place across the axis of a cone, over its distance from the axis, 1/s.
+
+    Args:
+        cone: The cone.
+        place: The place, world axes, m.
+        velocity: Its velocity, m/s.
+        data: MuJoCo data.
+    """
+    motion = cone.body.motion(data)
+    arm = minus(place, motion.origin)
+    _, rho, _ = from_axis(cone, motion.local(arm))
+    return math.hypot(*cross(motion.turned(cone.axis), minus(velocity, motion.velocity_at(arm)))) / rho
 
 
 def curvature_margin(cone: Cone, rho: float, stiff: float, share: float = ALIKE) -> float:

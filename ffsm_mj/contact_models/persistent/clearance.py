@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj.contact.features.body_motion import Vector, cross
+from ffsm_mj.contact.features.cone_gaps import PointOnCone, RoundOnCone
 from ffsm_mj.contact.features.gap_function import Feature, GapFunction
 from ffsm_mj.contact.features.point_line_gaps import PointOnFace
 from ffsm_mj.contact.features.round_gaps import RoundOnFace
@@ -38,6 +39,9 @@ _TURN = 0.02
 """Angle in rad by which the contact point of a rim travels round it in one step, where it would travel by more than 1 rad in
 the time step: the force is then an impulse, which leaves an error of 1e-10 of its energy. A tilt that falls straight to zero
 leaves the force as it is, and slower turns are left to the time step or its control."""
+_ROUND = 0.01
+"""Distance in rad that a contact travels round the axis of a cone, or towards it over what is left, in one step: near the
+axis the force turns and grows as the inverse cube of the distance. RK4 then errs by 0.01^5 / 120 = 1e-12 of the motion."""
 
 
 class Clearance:
@@ -160,6 +164,7 @@ class Tilts:
         self._data = data
         self._rims: list[ContactPoint] = []
         self._caps: list[RoundOnFace] = []
+        self._in_cones: list[PointOnCone | RoundOnCone] = []
         self._starts: list[tuple[ContactPoint, Vector, float]] = []
 
     def set_closed(self, contact_points: Sequence[ContactPoint]) -> None:
@@ -169,11 +174,13 @@ class Tilts:
     def set_points(self, pressing: Sequence[ContactPoint]) -> None:
         """Set the contact points that carry force."""
         self._rims = [contact for contact in pressing if type(contact.feature).tilt is not GapFunction.tilt]
+        cones = PointOnCone | RoundOnCone
+        self._in_cones = [contact.feature for contact in pressing if isinstance(contact.feature, cones)]
 
     @property
     def bound_steps(self) -> bool:
         """Whether there are any."""
-        return bool(self._rims or self._caps)
+        return bool(self._rims or self._caps or self._in_cones)
 
     def begin_step(self) -> None:
         """Start at the state in ``data``."""
@@ -200,7 +207,9 @@ class Tilts:
 
         The stages of a step past the state in which a cap is flat would have forces at opposite points of its rim.
         """
-        return min([self._limit_of(cap, left_s) for cap in self._caps], default=math.inf)
+        fastest = max([feature.turn_rate(self._data) for feature in self._in_cones], default=0.0)
+        limit = _ROUND / fastest if fastest > 0.0 else math.inf
+        return min([self._limit_of(cap, left_s) for cap in self._caps], default=limit)
 
     def _limit_of(self, cap: RoundOnFace, left_s: float) -> float:
         tilt, rate = cap.tilt(self._data), cap.tilt_rate(self._data)
