@@ -216,8 +216,9 @@ def _trigger(
         return SettlingMonitor(config.settled, context.system, context.task)
     if trigger == "finished":
         if not any(isinstance(law, Finishes) for law in laws_of(controller)):
-            message = f"{config.kind} never finishes; playback and joint_path do, and laws with a method is_finished"
-            raise ScenarioFaults([Fault(message, end.keys)])
+            message = f"{config.kind} never finishes; detumble, joint_path, playback, transfer and laws with is_finished do"
+            rest = "; 'until: null' leaves for_s as the end of the phase" if config.for_s and end.keys == ("until",) else ""
+            raise ScenarioFaults([Fault(message + rest, end.keys)])
         return FinishedTrigger()
     return EventTrigger(ImpactRecord if trigger == "impact" else kind_named(trigger).record)
 

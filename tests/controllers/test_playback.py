@@ -195,8 +195,12 @@ def test_a_phase_ends_with_the_record(tmp_path):
             ("start", 0.0),
             ("finished", pytest.approx(end_s)),
         ]
-    with pytest.raises(InputError, match=r"phases.0.until: off never finishes; playback and joint_path do"):
+    with pytest.raises(InputError, match=r"phases.0.until: off never finishes; detumble, joint_path, .* do$"):
         prepare(path, {"phases": [rest | {"until": "finished"}]})
+    timed = {"phases": [rest | {"until": "finished", "for_s": 1.0}]}
+    with pytest.raises(InputError, match=r"is_finished do; 'until: null' leaves for_s as the end of the phase"):
+        prepare(path, timed)
+    prepare(path, timed | {"phases.0.until": None})
 
 
 def test_several_parts_play_files_of_their_own(tmp_path):
