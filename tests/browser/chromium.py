@@ -30,6 +30,8 @@ class Browser:
         """Take a driver that logs all."""
         self._driver = driver
         self.counts: dict = {}
+        noted = "addEventListener('load', () => { window.atLoad = document.getElementById('message')?.textContent; });"
+        driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": noted})
 
     def open(self, path, *, dark: bool = False) -> None:
         """Show a file; returns when its scene is drawn."""

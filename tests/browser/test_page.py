@@ -56,6 +56,7 @@ def page(tmp_path_factory):
 
 def test_a_page_shows_the_run(browser, page):
     browser.open(page)
+    assert browser.run("return window.atLoad") == ""  # drawn by then: chromium --screenshot takes its picture at "load"
     assert abs(browser.shown_s - HIT_S) < 1e-9  # begins at the first impact
     assert browser.part("now").text.startswith("0.300 s")
     hit = browser.picture()

@@ -122,6 +122,11 @@
   play.addEventListener("click", () => (playing ? pause() : run()));
   showTime(data.start);
 
+  // An open document in a frame holds back the event "load": what waits for it, as chromium --screenshot, sees the scene.
+  const drawing = document.createElement("iframe");
+  drawing.hidden = true;
+  document.body.append(drawing);
+  drawing.contentDocument.open();
   try {
     const k3d = await library();
     viewer = await k3d.CreateK3DAndLoadBinarySnapshot(bytesOf("snapshot"), byId("scene"));
@@ -133,5 +138,8 @@
   } catch (fault) {
     message.textContent = `The scene cannot be drawn here: ${fault.message || fault}. Tables and plots are below.`;
     console.error(fault);
+  } finally {
+    drawing.contentDocument.close();
+    drawing.remove();
   }
 })();
