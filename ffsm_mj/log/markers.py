@@ -172,6 +172,31 @@ def drawn_marks(records: Iterable[Any], scale: float) -> list[DrawnMark]:
     return [mark for record in records for mark in sequence.add(record)]
 
 
+_APART_M = 1.5
+"""Texts nearer than this would overlap at scale 1: in a view of the robot, 10 m, one is some 2 m wide and 0.6 m high."""
+
+
+def are_near(one: DrawnMark, other: DrawnMark, scale: float) -> bool:
+    """Whether the texts of two marks, which stand at the middles of their arrows, would overlap."""
+    places = [np.array(drawn.mark.point_m) - 0.5 * drawn.vector for drawn in (one, other)]
+    return float(np.linalg.norm(places[0] - places[1])) < _APART_M * scale
+
+
+def texts(marks: Iterable[DrawnMark], scale: float) -> list[tuple[DrawnMark, list[str]]]:
+    """Texts of the marks of an instant, and the marks at which they stand: one text where several would overlap.
+
+    It stands at the mark of greatest magnitude and has a line for each kind of records there, of its greatest mark.
+    """
+    groups: list[list[DrawnMark]] = []
+    for drawn in sorted(marks, key=lambda drawn: -drawn.mark.magnitude):
+        group = next((group for group in groups if are_near(group[0], drawn, scale)), None)
+        if group is None:
+            groups.append([drawn])
+        elif all(drawn.kind is not other.kind for other in group):
+            group.append(drawn)
+    return [(group[0], [drawn.mark.text for drawn in group]) for group in groups]
+
+
 def _is_finite(mark: Mark) -> bool:
     return bool(np.isfinite((*mark.point_m, *mark.direction, mark.magnitude)).all())
 

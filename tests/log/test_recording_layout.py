@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 import rerun as rr
 import rerun.blueprint as rrb
 
+from ffsm_mj.contact_models.persistent.record import ContactBegins
 from ffsm_mj.log.drawing import shapes
+from ffsm_mj.log.markers import MarkSequence, texts
 from ffsm_mj.log.rerun.layout import Contents, Framing, Opening, blueprint
 from ffsm_mj.log.rerun.plots import Extent, Plot, phase_looks
 from ffsm_mj.log.rerun.scene import Marks
@@ -160,19 +164,31 @@ def test_of_many_marks_at_one_place_only_the_greatest_has_a_text(tmp_path):
     """The greatest so far; marks elsewhere or much later have texts too."""
     path = two_balls(tmp_path)
     system = compile_paths(path.parent / "robot.xml", {"target": path.parent / "target.xml"})
-    texts: dict[str, str] = {}
+    shown: dict[str, str] = {}
 
     def send(_, entity, columns):
         for column in columns:
             if column.component_descriptor().component.endswith(":labels"):
-                texts[entity] = column.as_arrow_array().to_pylist()[0][0]
+                shown[entity] = column.as_arrow_array().to_pylist()[0][0]
             elif "Clear" in column.component_descriptor().component:
-                texts[entity] = ""
+                shown[entity] = ""
 
     marks = Marks(send, Opening(system), 1.0)
-    for time_s, impulse, x in ((1.0, 2.0, 0.0), (1.1, 0.5, 0.01), (1.2, 3.0, 0.02), (1.3, 0.5, 1.0), (4.0, 0.5, 0.0)):
+    for time_s, impulse, x in ((1.0, 2.0, 0.0), (1.1, 0.5, 0.01), (1.2, 3.0, 0.02), (1.3, 0.5, 2.0), (4.0, 0.5, 0.0)):
         marks.event(hit(time_s, impulse, x))
-    assert list(texts.values()) == ["", "3 N s", "0.5 N s", "0.5 N s"]  # the second of five has never had one
+    marks.label()
+    assert list(shown.values()) == ["", "3 N s", "0.5 N s", "0.5 N s"]  # the second of five has never had one
+
+
+def test_texts_of_an_instant_that_would_overlap_are_one():
+    """Whatever the order: of each kind the greatest, the greatest of all first; elsewhere another text."""
+    begins = dict.fromkeys(ContactBegins.__dataclass_fields__, 0) | {"time_s": 1.0, "pair": "a-b", "force_after_N": 2.5}
+    begins = ContactBegins(**begins | {"point_m": (0.02, 0.0, 0.0), "normal": (1.0, 0.0, 0.0)})
+    records = [hit(1.0, 0.5, 0.0), hit(1.0, 3.0, 0.01), begins, hit(1.0, 0.25, 9.0)]
+    for order in itertools.permutations(records):
+        marks = [mark for record in order for mark in MarkSequence(1.0).add(record)]
+        found = [(drawn.mark.point_m[0], lines) for drawn, lines in texts(marks, 1.0)]
+        assert found == [(0.01, ["3 N s", "2.5 N"]), (9.0, ["0.25 N s"])]
 
 
 def test_the_path_of_the_tip_changes_its_colour_at_the_impact(tmp_path, ffsm_run):

@@ -129,7 +129,7 @@ def test_a_page_draws_the_marks_of_all_records(tmp_path):
 
 def test_texts_of_marks_are_escaped():
     drawn = DrawnMark(IMPACT, 0.0, 0, 0, Mark((0.0, 0.0, 0.0), text="<script>x</script>"), np.zeros(3))
-    *_, label = scene._mark(drawn, 1.0, 1.0)
+    label = scene._label(drawn, [drawn.mark.text], 1.0)
     assert label.text == '<span class="mark">&lt;script&gt;x&lt;/script&gt;</span>'
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -16,10 +16,12 @@ from ffsm_mj.log.markers import (
     SHOWN_S,
     DrawnMark,
     MarkSequence,
+    are_near,
     arrow_series,
     declared_arrows,
     has_orbit,
     lvlh_frames,
+    texts,
 )
 from ffsm_mj.log.palette import AXES, BLUE, FORCE, GHOST, MARK, ORANGE, PURPLE, SKY, TARGET_ON_DARK, TORQUE, VERMILION
 from ffsm_mj.log.rerun.layout import Opening
@@ -237,18 +239,8 @@ def _plot(arrow: ArrowColumns) -> str:
     return f"{TORQUES if arrow.is_torque else FORCES}/{arrow.name}"
 
 
-_APART_M = 0.6
-"""Texts at a smaller distance would overlap at scale 1."""
-
 Send = Callable[[float, str, Any], None]
 """Sends one value to an entity at a time in s."""
-
-
-class _LabelledMark(NamedTuple):
-    """A mark whose text is shown, and its entity."""
-
-    entity: str
-    drawn: DrawnMark
 
 
 class Marks:
@@ -259,49 +251,56 @@ class Marks:
         self._send, self._opening, self._scale = send, opening, scale
         self._sequence = MarkSequence(scale)
         self._shown: list[tuple[float, str]] = []
-        self._labelled: list[_LabelledMark] = []
+        self._instant: list[DrawnMark] = []
+        self._labelled: list[DrawnMark] = []
 
     def event(self, event: Event) -> None:
-        """Draw the marks of an event."""
+        """Draw the marks of an event; their texts follow when all marks of the instant are known."""
         for drawn in self._sequence.add(event):
-            entity = f"world/{drawn.kind.plural}/{drawn.instant}/{identifier(drawn.mark.name)}_{drawn.number + 1}"
+            if self._instant and drawn.time_s > self._instant[0].time_s:
+                self.label()
+            entity = _entity(drawn)
             self._send(drawn.time_s, entity, _shape(drawn, self._scale))
-            if self._makes_room(_LabelledMark(entity, drawn)):
-                self._send(drawn.time_s, _text_of(entity), _text(drawn, self._scale))
+            self._instant.append(drawn)
             self._shown.append((drawn.end_s, entity))
             self._opening.add_mark(drawn.time_s, drawn.mark.point_m)
 
+    def label(self) -> None:
+        """Draw the texts of the last instant."""
+        for drawn, lines in texts(self._instant, self._scale):
+            if self._makes_room(drawn):
+                self._send(drawn.time_s, _text_of(drawn), _text(drawn, lines, self._scale))
+        self._instant.clear()
+
     def clear(self, now_s: float) -> None:
         """Remove marks whose time is over; never ahead of the motion, or a viewer would jump there."""
+        if self._instant and self._instant[0].time_s < now_s:
+            self.label()
         for end_s, entity in [mark for mark in self._shown if mark[0] <= now_s]:
             self._shown.remove((end_s, entity))
             self._send(end_s, entity, rr.Clear.columns(is_recursive=[True]))
 
-    def _makes_room(self, new: _LabelledMark) -> bool:
+    def _makes_room(self, new: DrawnMark) -> bool:
         """Whether the text of a new mark is shown.
 
         Of marks of one kind at one place within ``SHOWN_S``, only that of greatest magnitude has a text; it replaces the
         earlier ones.
         """
-        time = new.drawn.time_s
-        self._labelled = [old for old in self._labelled if time - old.drawn.time_s < SHOWN_S]
+        self._labelled = [old for old in self._labelled if new.time_s - old.time_s < SHOWN_S]
         # Bouncing contacts hit the same place many times within seconds; their texts would cover each other.
-        near = [old for old in self._labelled if _distance_m(old.drawn, new.drawn) < self._scale * _APART_M]
-        size = new.drawn.mark.magnitude
-        if any(old.drawn.kind is new.drawn.kind and size <= old.drawn.mark.magnitude for old in near):
+        near = [old for old in self._labelled if are_near(old, new, self._scale)]
+        if any(old.kind is new.kind and new.mark.magnitude <= old.mark.magnitude for old in near):
             return False
         for old in near:
             self._labelled.remove(old)
-            if old.drawn.time_s < time:
-                self._send(time, _text_of(old.entity), rr.Clear.columns(is_recursive=[False]))
+            if old.time_s < new.time_s:
+                self._send(new.time_s, _text_of(old), rr.Clear.columns(is_recursive=[False]))
         self._labelled.append(new)
         return True
 
 
-def _distance_m(one: DrawnMark, other: DrawnMark) -> float:
-    """Distance of the texts of two marks, which stand at the middles of their arrows."""
-    places = [np.array(drawn.mark.point_m) - 0.5 * drawn.vector for drawn in (one, other)]
-    return float(np.linalg.norm(places[0] - places[1]))
+def _entity(drawn: DrawnMark) -> str:
+    return f"world/{drawn.kind.plural}/{drawn.instant}/{identifier(drawn.mark.name)}_{drawn.number + 1}"
 
 
 def _shape(drawn: DrawnMark, scale: float) -> Any:
@@ -317,12 +316,12 @@ _CLEAR_M = 1.5
 """Length of an arrow at scale 1 in whose middle a text does not hide the contact; that of a shorter one stands higher."""
 
 
-def _text_of(entity: str) -> str:
-    return f"{entity}/text"
+def _text_of(drawn: DrawnMark) -> str:
+    return f"{_entity(drawn)}/text"
 
 
-def _text(drawn: DrawnMark, scale: float) -> Any:
-    """The text of a mark, at the middle of its arrow or above it."""
+def _text(drawn: DrawnMark, lines: Sequence[str], scale: float) -> Any:
+    """The text at a mark, at the middle of its arrow or above it."""
     above = max(0.0, _CLEAR_M * scale - float(np.linalg.norm(drawn.vector)))
     place = np.array(drawn.mark.point_m) - 0.5 * drawn.vector + (0.0, 0.0, above)
-    return rr.Points3D.columns(positions=[place], colors=[MARK], radii=[0.0], labels=[drawn.mark.text])
+    return rr.Points3D.columns(positions=[place], colors=[MARK], radii=[0.0], labels=[", ".join(lines)])

@@ -267,6 +267,7 @@ class RerunSink(Sink):
         if not hasattr(self, "_stream"):
             return
         self.flush()
+        self._marks.label()
         if outcome is not None:
             self._text(outcome)
         for name, begun in self._states.items():

@@ -6,6 +6,7 @@ import html
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Any
 
 import k3d
@@ -29,6 +30,7 @@ from ffsm_mj.log.markers import (
     has_orbit,
     lvlh_frames,
     plume_series,
+    texts,
     thrusters,
 )
 from ffsm_mj.log.palette import packed
@@ -271,9 +273,11 @@ def _others(subject: Subject, poses: Poses, marks: list[DrawnMark], scale: float
     task = logged_task(subject.run.log.header.metadata)
     if task is not None:
         yield _target(task, subject, poses, scale)
-    for drawn in marks:
-        ahead = min((other.time_s for other in marks if other.time_s > drawn.time_s), default=np.inf)
-        yield from _mark(drawn, min(drawn.end_s, ahead - 2.0 * SWITCH_S), scale)
+    yield from (_mark(drawn, scale) for drawn in marks)
+    instants = [list(together) for _, together in groupby(marks, key=lambda drawn: drawn.time_s)]
+    for together, after in zip(instants, [*instants[1:], None], strict=False):
+        until_s = min(together[0].end_s, after[0].time_s - 2.0 * SWITCH_S if after else np.inf)
+        yield from (_label(drawn, lines, until_s) for drawn, lines in texts(together, scale))
     header = subject.run.log.header
     yield from forces(header, poses, scale)
     yield from plumes(header.layout, subject.system, poses, scale)
@@ -333,17 +337,21 @@ def _paths(subject: Subject, marks: list[DrawnMark], scale: float) -> Iterator[A
             yield k3d.line(single(part), color=colour, width=0.02 * scale)
 
 
-def _mark(drawn: DrawnMark, labelled_until: float, scale: float) -> Iterator[Any]:
-    """An arrow that ends at its point and is never occluded, or a dot; its text is shown until that of the next mark."""
-    time, mark, vector = drawn.time_s, drawn.mark, drawn.vector
-    shown, point = during([(time, drawn.end_s)]), np.array(mark.point_m)
+def _mark(drawn: DrawnMark, scale: float) -> Any:
+    """An arrow that ends at its point and is never occluded, or a dot."""
+    vector, point = drawn.vector, np.array(drawn.mark.point_m)
+    shown = during([(drawn.time_s, drawn.end_s)])
     if vector.any():
-        yield solid(arrow_solid(scale), MARK, along_z(point - vector, vector), shown)
-    else:
-        yield k3d.points(single([point]), color=MARK, point_size=0.12 * scale, shader="3d", visible=shown)
-    text = f'<span class="mark">{html.escape(one_line(mark.text))}</span>'
+        return solid(arrow_solid(scale), MARK, along_z(point - vector, vector), shown)
+    return k3d.points(single([point]), color=MARK, point_size=0.12 * scale, shader="3d", visible=shown)
+
+
+def _label(drawn: DrawnMark, lines: list[str], until_s: float) -> Any:
+    """Texts at the end of the arrow of a mark that is off its point, until those of the next instant."""
+    text = f'<span class="mark">{"<br>".join(html.escape(one_line(line)) for line in lines)}</span>'
     look = {"color": MARK, "is_html": True, "label_box": False, "max_length": 0.08}
-    yield k3d.label(text, (point - vector).tolist(), visible=during([(time, max(time, labelled_until))]), **look)
+    place = np.array(drawn.mark.point_m) - drawn.vector
+    return k3d.label(text, place.tolist(), visible=during([(drawn.time_s, max(drawn.time_s, until_s))]), **look)
 
 
 def _colour(rgba: tuple[float, ...]) -> int:
