@@ -248,7 +248,7 @@ class SampledStates:
     """
 
     def __init__(self, system: System, values: FloatArray) -> None:
-        """Split the values, (n, :meth:`size` of a state)."""
+        """Split the values, (n, numbers of a sample)."""
         self._system, shapes = system, self._shapes(system)
         parts = np.split(values, tuple(accumulate(map(math.prod, shapes))), axis=1)
         arrays = [part.reshape(-1, *shape) for part, shape in zip(parts, (*shapes, parts[-1].shape[1:]), strict=True)]

@@ -135,7 +135,7 @@ def test_nothing_is_simulated_again_unless_asked(monkeypatch, recorded):
         patched.setattr("ffsm_mj.replay.analyze_truncation", None)
         assert {check.fails_by_truncation for check in run.checks() if not check.passes} == {None}
         assert ffsm_mj.summary(run)["checks"]["fail_by_truncation"] is None
-        assert "checks FAILED (truncation: not analysed)" in repr(run)
+        assert "checks of rows and records FAILED (truncation: not analysed)" in repr(run)
         assert "truncation: not analysed" in run._repr_html_()
     explained = ffsm_mj.explain(run, limits=AnalysisLimits(1000.0))
     assert all(check.passes or check.fails_by_truncation for check in explained.checks)

@@ -649,10 +649,10 @@ def test_it_goes_on_from_a_saved_state(tmp_path, body):
 
 
 def test_notes_on_a_cone():
-    """While the hard latch is closed, the bus and the cone are one of the pairs that cannot meet; its picture is no hull."""
-    notes = [line for line in describe(prepare("probe-and-cone").assemble()) if line.startswith("note:")]
-    assert not any("hull of its mesh" in line for line in notes)
-    (line,) = (line for line in notes if "'hard'" in line)
+    """While the hard latch is closed, the bus and the cone are of one rigid body; the cone's picture is no hull."""
+    lines = describe(prepare("probe-and-cone").assemble())
+    assert not any("bus-cone" in line for line in lines if "convex hull" in line)
+    (line,) = (line for line in lines if "while 'hard' is closed" in line)
     assert "bus-hull, bus-panel, bus-cone, head-hull and 2 more" in line
 
 

@@ -73,7 +73,7 @@ def test_the_representation_shows_a_failed_check(hit):
     record = hit.impacts[0]
     wrong = replace(record, energy_change_J=record.energy_change_J + 1e-3)
     run = ffsm_mj.Run(with_records(hit.log, {"impacts": (wrong,)}))
-    assert "1 of 13 checks FAILED; worst: impact energy of total, 1.0e-03 J of " in repr(run)
+    assert "1 of 13 checks of rows and records FAILED; worst: impact energy of total, 1.0e-03 J of " in repr(run)
 
 
 def test_a_residual_that_is_not_finite_is_the_worst(hit):
