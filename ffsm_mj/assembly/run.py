@@ -241,7 +241,7 @@ def _metadata(assembly: Assembly) -> dict[str, str]:
     if config.task is not None:
         metadata |= task_metadata(config.task.axes, config.task.target_m)
     if config.terminal is not None:
-        metadata |= terminal_metadata(config.terminal.stack_momentum_N_m_s)
+        metadata |= terminal_metadata(config.terminal.model_dump())
     return metadata | {f"version {name}": text for name, text in versions().items()}
 
 

@@ -24,7 +24,7 @@ _ALL_FREE = "1 1 1 1 1 1"
 _MODELS = ("model", "controller_model")
 _START = "start_s"
 _ORBIT_RATE = "orbit_rate_rad_s"
-_TERMINAL = "terminal_stack_momentum_N_m_s"
+_TERMINAL = "terminal_"
 _POSITIVE = dict.fromkeys(("time_step_s", "control_period_s", _START), "seconds") | {_TERMINAL: "N m s"}
 """Entries that are positive numbers, with their units."""
 _DEEPEST = 5  # tree, body, geoms, geom, key
@@ -90,14 +90,14 @@ def logged_task(metadata: Mapping[str, str]) -> LoggedTask | None:
     return LoggedTask(axes, np.array([float(x) for x in metadata["task_target_m"].split()]))
 
 
-def terminal_metadata(stack_momentum_N_m_s: float) -> dict[str, str]:
-    """Metadata of the bound on the angular momentum of the stack, except that of its wheels, at the end of the run."""
-    return {_TERMINAL: repr(float(stack_momentum_N_m_s))}
+def terminal_metadata(bounds: Mapping[str, float | None]) -> dict[str, str]:
+    """Metadata of the bounds on the last state of a run, by key of the section ``terminal`` of the scenario."""
+    return {f"{_TERMINAL}{key}": repr(float(bound)) for key, bound in bounds.items() if bound is not None}
 
 
-def terminal_stack_momentum(metadata: Mapping[str, str]) -> float | None:
-    """The bound of :func:`terminal_metadata`, N m s; None without one."""
-    return float(metadata[_TERMINAL]) if _TERMINAL in metadata else None
+def terminal_bounds(metadata: Mapping[str, str]) -> dict[str, float]:
+    """The bounds of :func:`terminal_metadata` by key."""
+    return {key.removeprefix(_TERMINAL): float(text) for key, text in metadata.items() if key.startswith(_TERMINAL)}
 
 
 def phase_graph_metadata(edges: Sequence[tuple[int, str, int]]) -> dict[str, str]:

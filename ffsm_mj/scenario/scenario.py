@@ -217,8 +217,15 @@ class ActuationConfig(StrictModel):
 class TerminalConfig(StrictModel):
     """What must hold at the end of the run: further checks, which pass or fail with the others."""
 
-    stack_momentum_N_m_s: PositiveFloat = 1e-6
-    """Greatest angular momentum of robot and grasped object about their centre of mass, except that of the wheels, N m s."""
+    stack_momentum_N_m_s: PositiveFloat | None = 1e-6
+    """Greatest angular momentum of robot and grasped object about their centre of mass, except that of the wheels, N m s;
+    null: not checked."""
+    base_rate_rad_s: PositiveFloat | None = None
+    """Greatest angular speed of the robot's base, rad/s."""
+    base_speed_m_s: PositiveFloat | None = None
+    """Greatest speed of the robot's base, m/s."""
+    relative_rate_rad_s: PositiveFloat | None = None
+    """Greatest angular speed of a grasped object relative to the base, rad/s; of any object if none is grasped."""
 
 
 class LogConfig(StrictModel):

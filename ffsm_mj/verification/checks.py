@@ -59,8 +59,13 @@ linkage that turns at 4 rad/s. A projection onto rows that depend on each other 
 FORCE_TOLERANCE = 1e-8
 """Tolerance of the complementarity residual of contact forces, times (1 N + force)."""
 
-STACK_MOMENTUM = "stack momentum at the end"
-"""Name of the check that robot and grasped object have no angular momentum except in the wheels."""
+TERMINAL_CHECKS = {
+    "stack_momentum_N_m_s": ("stack momentum at the end", "L", "N m s"),
+    "base_rate_rad_s": ("base rate at the end", "base", "rad/s"),
+    "base_speed_m_s": ("base speed at the end", "base", "m/s"),
+    "relative_rate_rad_s": ("relative rate at the end", "object", "rad/s"),
+}
+"""Checks of the last state by key of the section ``terminal`` of a scenario: name, component and unit."""
 RELATIVE_CHECKS = (
     *("energy", "linear momentum", "angular momentum", "momentum two ways"),
     *("impact energy", "impact restitution", "heat of sliding", "Jacobi integral"),
@@ -71,11 +76,11 @@ CHECK_NAMES = (
     *RELATIVE_CHECKS,
     *("no penetration", "no joint past its limit", "contact complementarity", "energy of projections"),
     *INDEPENDENT_TOLERANCES,
-    STACK_MOMENTUM,
+    *(name for name, _, _ in TERMINAL_CHECKS.values()),
 )
 """All checks. ``no penetration``, with a tolerance in m, if the log has the depth; ``no joint past its limit``, in rad or m,
 in runs with joint limits; ``contact complementarity`` of a replay, with persistent contact; ``energy of projections`` where
-a state was projected; then the independent checks, in runs with what they check; the last one where the scenario asks."""
+a state was projected; then the independent checks, in runs with what they check; the last ones where the scenario asks."""
 
 Tolerance = float | Mapping[str, float]
 """One tolerance for all relative checks, or tolerances by check; other checks keep the default."""

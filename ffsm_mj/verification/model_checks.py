@@ -9,19 +9,21 @@ from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import mujoco
+import numpy as np
 
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.grasp.records import GraspRecord, ReleaseRecord
 from ffsm_mj.dynamics.stack_momentum import StackMomentum
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.scenario import compile_log, scenario_data
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Outcome
-from ffsm_mj.records.metadata import terminal_stack_momentum
+from ffsm_mj.records.metadata import terminal_bounds
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import coordinate_keys, rate_keys
 from ffsm_mj.verification.agreement import Discrepancy
 from ffsm_mj.verification.check_result import Check
-from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, STACK_MOMENTUM, CheckAccumulator, Tolerance, tolerances
+from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, TERMINAL_CHECKS, CheckAccumulator, Tolerance, tolerances
 from ffsm_mj.verification.impact_checks import FrictionCheck, Models
 from ffsm_mj.verification.independent.kept_rows import KeptRows
 
@@ -63,7 +65,11 @@ class ModelChecks:
         """
         allowed, named = tolerances(tolerance), tolerance if isinstance(tolerance, Mapping) else {}
         of_rows = rows.checks(self._log.impact_records, tolerance, self._friction)
-        return (*of_rows, *self._independent(allowed), *terminal_checks(self._log, named, self._stack_momentum))
+        return (
+            *of_rows,
+            *self._independent(allowed),
+            *terminal_checks(self._log, named, self._models, self._stack_momentum),
+        )
 
     def _independent(self, allowed: Mapping[str, float]) -> list[Check]:
         """Checks by other physics than the engine's: see :mod:`ffsm_mj.verification.independent`."""
@@ -108,40 +114,63 @@ def _logged_models(log: RunLog) -> tuple[System, Mapping[str, Any]]:
 
 
 def terminal_checks(
-    log: RunLog, tolerances: Mapping[str, float], known: Callable[[], float] | None = None
+    log: RunLog, tolerances: Mapping[str, float], models: Models, known: Callable[[], float] | None = None
 ) -> tuple[Check, ...]:
     """Checks of the last state; empty where the scenario asks for none, and for a run that did not reach its end.
 
     Args:
         log: A run.
-        tolerances: Given tolerances by check, in place of that of the scenario.
+        tolerances: Given tolerances by check, in place of those of the scenario.
+        models: Returns its compiled models, and its scenario.
         known: Returns the angular momentum that is left, N m s; None: it is computed from the last row of the log.
     """
-    bound = terminal_stack_momentum(log.header.metadata)
-    if bound is None or log.outcome is None or log.outcome.outcome != Outcome.COMPLETED:
+    bounds = terminal_bounds(log.header.metadata)
+    if not bounds or log.outcome is None or log.outcome.outcome != Outcome.COMPLETED:
         return ()
-    momentum = _stack_momentum(log) if known is None else known()
+    left = dict(zip(TERMINAL_CHECKS, _left(log, models), strict=True))
+    if known is not None:
+        left["stack_momentum_N_m_s"] = known()
     end_s = float(log.rows[-1][log.header.layout.time]) if len(log.rows) else math.nan
-    allowed = tolerances.get(STACK_MOMENTUM, bound)
-    return (Check(STACK_MOMENTUM, "robot", "L", momentum, end_s, allowed, "N m s", momentum),)
+    return tuple(
+        Check(name, "robot", component, left[key], end_s, tolerances.get(name, bounds[key]), unit, left[key])
+        for key, (name, component, unit) in TERMINAL_CHECKS.items()
+        if key in bounds
+    )
 
 
-def _stack_momentum(log: RunLog) -> float:
-    """|L| of robot and grasped object about their centre of mass, less that of the wheels; NaN if it is unknown."""
+def _left(log: RunLog, models: Models) -> tuple[float, float, float, float]:
+    """What is left in the last row, in the order of ``TERMINAL_CHECKS``; NaN if it is unknown.
+
+    It is |L| of robot and grasped object about their centre of mass, less that of the wheels, angular speed and speed of the
+    base, and the greatest angular speed of an object relative to it.
+    """
+    unknown = (math.nan,) * 4
     if not len(log.rows):
-        return math.nan
+        return unknown
     try:
-        system = compile_log(log)
+        system, _ = models()
         joints, row = system.joints.values(), log.rows[-1]
         data = mujoco.MjData(system.mj)
         data.qpos[:] = row[log.header.layout.places(coordinate_keys(joints))]
         data.qvel[:] = row[log.header.layout.places(rate_keys(joints))]
     except (InputError, KeyError):
-        return math.nan
+        return unknown
     mujoco.mj_kinematics(system.mj, data)
     mujoco.mj_comPos(system.mj, data)
-    rest, _ = StackMomentum(system).parts(data, grasped_objects(log.events))
-    return math.hypot(*rest.tolist())
+    mujoco.mj_comVel(system.mj, data)
+    grasped = grasped_objects(log.events)
+    rest, _ = StackMomentum(system).parts(data, grasped)
+    base = _twist(system, data, system.robot.root)
+    objects = [_twist(system, data, one.root) for one in system.objects if not grasped or one.name in grasped]
+    relative = max((math.dist(one[:3], base[:3]) for one in objects), default=0.0)
+    return math.hypot(*rest.tolist()), math.hypot(*base[:3]), math.hypot(*base[3:]), relative
+
+
+def _twist(system: System, data: Any, body: int) -> FloatArray:
+    """Angular velocity and velocity of a body's frame in world axes, (6,)."""
+    twist = np.empty(6)
+    mujoco.mj_objectVelocity(system.mj, data, mujoco.mjtObj.mjOBJ_XBODY, body, twist, 0)
+    return twist
 
 
 def grasped_objects(events: Iterable[Any]) -> tuple[str, ...]:
