@@ -83,9 +83,12 @@ def blend(A: FloatArray, w: FloatArray, e: FloatArray) -> LawResult:
     if not np.any(e > 0.0):
         return _result(A, w, plastic)
     elastic, jammed = _reflections(A, w)
-    mixed = plastic + e * (elastic - plastic)
-    if np.ptp(e) > 0.0:
-        mixed = np.minimum(mixed, plastic + e.max() * (elastic - plastic))
+    if np.ptp(e) == 0.0:
+        mixed = plastic + e * (elastic - plastic)
+    else:
+        # Four corners of a box may share an impulse in many ways: each mixes its part of the shortest, or rounding decides.
+        plastic, elastic = least_norm(A, plastic), least_norm(A, elastic)
+        mixed = plastic + np.minimum(e * (elastic - plastic), e.max() * (elastic - plastic))
     # Shares of different e need not leave every contact separating: one that keeps approaching would be hit again at once.
     rest = project(A, w + A.T @ mixed)
     return _result(A, w, mixed + rest, jammed=jammed)
@@ -94,6 +97,8 @@ def blend(A: FloatArray, w: FloatArray, e: FloatArray) -> LawResult:
 def poisson(A: FloatArray, w: FloatArray, e: FloatArray) -> LawResult:
     """Compression to rest, then expansion with at least e times the compression impulse at each contact."""
     compression = project(A, w)
+    if np.ptp(e) > 0.0:
+        compression = least_norm(A, compression)  # for the same reason as in blend
     least = (1.0 + e) * compression
     return _result(A, w, least + project(A, w + A.T @ least))
 
