@@ -347,7 +347,6 @@ class Simulation:
                 self._evaluate(due.observation)
         finally:
             self._log.event(due)
-        self._log.phases()
         self._plant.integrator.after_event(due.observation.time_s)
         if end is not None:
             if end.outcome == Outcome.COMPLETED:

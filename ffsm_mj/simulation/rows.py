@@ -84,9 +84,10 @@ class LogWriter:
             self._recorder.event(record)
 
     def event(self, due: EventDue) -> None:
-        """Write the records of an event, with the efforts that follow it."""
+        """Write the records of an event, with the efforts that follow it, and the phases that it has begun."""
         efforts = self._plant.actuation.by_name()
-        self._recorder.event(*(replace(record, efforts_after=efforts) for record in due.records))
+        records = (replace(record, efforts_after=efforts) for record in due.records)
+        self._recorder.event(*records, *self._controller.drain_phases())
 
     def state(self, time_s: float, state: Any) -> None:
         """Write the state of the simulation."""
