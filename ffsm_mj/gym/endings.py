@@ -33,7 +33,7 @@ class Episode:
         self._assembly, self._task = assembly, assembly.task
         self._contacts, self._grasps = ContactIntervals(assembly.row.layout), GraspIntervals(assembly.row.layout)
         self._records: dict[str, list[dict[str, Any]]] = {}
-        self._lists: dict[str, Any] | None = None
+        self._metrics: dict[str, Any] = {}  # of the records so far, as far as they were asked for
         self._time_s, self._twist = 0.0, np.zeros(6)
         self._tip = dict.fromkeys(_TIP, math.inf)
 
@@ -45,7 +45,7 @@ class Episode:
                 self._records.setdefault(kind.plural, []).append(kind.summary(record))
             self._contacts.event(record)
             self._grasps.event(record)
-            self._lists = None
+            self._metrics.clear()
 
     def look(self, observation: Observation) -> None:
         """Take the state at a control tick."""
@@ -83,15 +83,15 @@ class Episode:
         field = rest.partition(".")[2]
         if head in _OF_ROWS and (field.startswith("peak") or field in _OF_ROWS[head]):
             raise LookupError(f"{name} is known at the end of a run only")
-        return lambda: value_at(self._summary(), name)
+        return lambda: self._metric_of_lists(name)
 
-    def _summary(self) -> dict[str, Any]:
-        if self._lists is None:
+    def _metric_of_lists(self, name: str) -> Any:
+        if name not in self._metrics:
             intervals = {"contacts": self._contacts.intervals(), "grasps": self._grasps.intervals()}
-            empty: dict[str, Any] = {name: [] for name in record_lists()}
-            listed = {name: [all_fields(part) for part in some] for name, some in intervals.items()}
-            self._lists = empty | self._records | listed
-        return self._lists
+            empty: dict[str, Any] = {of_records: [] for of_records in record_lists()}
+            listed = {of_parts: [all_fields(part) for part in some] for of_parts, some in intervals.items()}
+            self._metrics[name] = value_at(empty | self._records | listed, name)
+        return self._metrics[name]
 
 
 UNHANDLED = "unhandled"

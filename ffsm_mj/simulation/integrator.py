@@ -321,7 +321,8 @@ class EventDrivenIntegrator:
         moved = self.motion.stepper.motion_bound
         if moved < self.motion.stepper.event_bound:
             return []
-        return [source for source in self.event_sources if not source.excludes_events(moved)]
+        sources = self.event_sources
+        return [source for source in sources if not (moved < source.event_bound or source.excludes_events(moved))]
 
     def _add_travel(self, duration_s: float) -> None:
         for travel in self._travels:
