@@ -15,13 +15,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
+from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact_models.impact.laws import FRICTIONLESS, impulse_of_one
 from ffsm_mj.errors import UnsupportedContactError, described
 from ffsm_mj.records.events import ImpactRecord
