@@ -20,7 +20,7 @@ from ffsm_mj.contact.features.search import features
 from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint, over_one_face
-from ffsm_mj.tolerances import FLAT_M, LANDING_DEPTH_M, OTHER_POINT_M
+from ffsm_mj.tolerances import CONTACT_GAP_M, FLAT_M, OTHER_POINT_M
 
 _OVERLAPS_M = 0.5 * OTHER_POINT_M
 """Another point overlaps from here on, half of what ends a step: whatever the rounding of its end, it does there."""
@@ -109,7 +109,7 @@ class Clearance:
         """Gap of a pair, m.
 
         MuJoCo's distance is used unless it shows an overlap: then the polished gap, or zero if the pair already separates.
-        An overlap by more than a landing is one that a step has passed, although its end separates again.
+        An overlap deeper than contact is one that a step has passed, although its end separates again.
         """
         data = self._scene.data
         gap = pair.gap(self._model, data)
@@ -117,8 +117,9 @@ class Clearance:
         if gap > -_OVERLAPS_M:
             return gap
         near = pair.proximity(self._model, data)
-        # Vertices of meshes are known to position_tolerance: an overlap within that has not been passed by a step.
-        passed = near.gap < -max(LANDING_DEPTH_M, pair.position_tolerance)
+        # Vertices of meshes are known to position_tolerance, and a point that closes may be CONTACT_GAP_M too high: held, it
+        # lowers others that lift by as much. No step has passed an overlap within that.
+        passed = near.gap < -max(CONTACT_GAP_M, pair.position_tolerance)
         # Where the point separates already there is no impact to resolve: an event there would change nothing and recur, up
         # to the limit of events.
         return near.gap if near.approaches or passed else max(near.gap, 0.0)

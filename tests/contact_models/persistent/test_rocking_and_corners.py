@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 
 import mujoco
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.log.scenario import compile_log
+from tests.contact.unions.scenes import fixed, free, geoms, on
 from tests.random_scenes.drawing import draw
 from tests.replays import assert_replayed, proved
 from tests.scenes import HEAD, ball, scene
@@ -181,3 +183,28 @@ def test_a_contact_that_touches_elsewhere_without_an_approach_goes_on(tmp_path):
     begins = [each.time_s for each in run.records["contact_beginnings"]]
     assert len(run.records["contact_changes"]) > 10
     assert [end for end in ends if any(0.0 <= begin - end < 1e-9 for begin in begins)] == []
+
+
+def test_an_edge_that_stops_just_before_another_one_lets_that_one_lift(tmp_path):
+    """A cube lands on one edge, with the other 0.9 nm higher and ten times as fast: both are struck, and the first lifts.
+
+    The second is at rest and 0.9 nm too high: held, it is lowered by as much, about the middle of the cube, which turns hard
+    (k = m a^2 / I = 0.05). The first is lowered by 0.9 nm (1 - k) / (1 + k) = 0.81 nm into the floor, more than a landing is
+    deep, and leaves it at 9e-6 m/s within 0.1 ms. No step has passed a landing there.
+    """
+    half, g, slow, fast, lands, late = 0.1, 1e-4, 1e-6, 1e-5, 1e-3, 9e-10
+    low, high = (speed * lands + 0.5 * g * lands**2 for speed in (slow, fast))
+    tilt = (high + late - low) / (2.0 * half)
+    gravity = f'<option gravity="0 0 {-g}"/>'
+    cube = free(geoms((((-half,) * 3, (half,) * 3),)), mass=1.0, inertia=(0.2, 0.2, 0.2), gravity=gravity)
+    floor = fixed(geoms((((-1.0, -1.0, -1.0), (1.0, 1.0, 0.0)),), "floor"), gravity=gravity)
+    place = [0.0, 0.0, half + 0.5 * (low + high + late), math.cos(0.5 * tilt), 0.0, -math.sin(0.5 * tilt), 0.0]
+    rates = [0.0, 0.0, -0.5 * (slow + fast), 0.0, 0.5 * (fast - slow) / half, 0.0]
+    steps = dict.fromkeys(("time_step_s", "control_period_s"), 1e-5)
+    run = proved(ffsm_mj.run(on(tmp_path, cube, floor, joints=place, rates=rates, duration_s=2e-3, **steps)))
+    assert [impact.time_s for impact in run.impacts] == pytest.approx([lands] * 4, abs=1e-9)
+    # Plastic at the fast edge alone: it stops, and gives the other (1 - k) / (1 + k) of its speed upwards.
+    struck, share = fast + g * lands, 0.95 / 1.05
+    assert max(impact.separation_speed_m_s for impact in run.impacts) == pytest.approx(
+        share * struck - slow - g * lands, rel=1e-6
+    )
