@@ -9,7 +9,7 @@ from typing import Any
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.analysis.run_models import angular_momentum
 from ffsm_mj.analysis.tables import MomentumRow, momentum_rows
-from ffsm_mj.errors import one_line
+from ffsm_mj.errors import first_few, one_line
 from ffsm_mj.report.terminal import table
 
 MOMENTUM_HEAD = ("angular momentum\nN m s", "before", "after", "change x", "change y", "change z")
@@ -21,15 +21,12 @@ _WORDS = {"subsystem": "{}", "total": "total", "outside": "from outside"} | dict
 
 
 def momentum_line(run: Run) -> str:
-    """One line on wheels and thrusters; empty for a run in which they took nothing."""
+    """One line on wheels and thrusters, those that took most first; empty for a run in which they took nothing."""
     momentum = angular_momentum(run)
     if momentum is None or not any(_took(change) for change in momentum["actuators"].values()):
         return ""
-    exchanged = ", ".join(
-        f"{one_line(name)} {_norm(change['taken_N_m_s']):.4g}"
-        for name, change in momentum["actuators"].items()
-        if _took(change)
-    )
+    took = {name: _norm(change["taken_N_m_s"]) for name, change in momentum["actuators"].items() if _took(change)}
+    exchanged = first_few([f"{one_line(name)} {took[name]:.4g}" for name in sorted(took, key=lambda name: -took[name])])
     stack = momentum["stack_without_wheels_N_m_s"]
     if any(change["kind"] == "wheel" for change in momentum["actuators"].values()):
         rest = f", {stack:.4g} in the stack without its wheels"

@@ -12,7 +12,7 @@ import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.experiments.metrics import metric_values
 from ffsm_mj.replay import replay_log
-from ffsm_mj.report import terminal
+from ffsm_mj.report import momentum_report, terminal
 from ffsm_mj.report.check_report import step_hint
 from ffsm_mj.report.record_tables import impact_table
 from ffsm_mj.report.run_report import MOST_LINES, run_report
@@ -221,3 +221,12 @@ def test_that_nothing_hit_is_said_only_where_nothing_else_happened(tmp_path, cau
     quiet = ffsm_mj.run(two_balls(tmp_path, duration_s=0.01))
     assert "no impacts" in run_report(quiet, ExplainedChecks(all_checks(quiet)))
     assert "no impacts" not in run_report(changed(caught, impacts=()), ExplainedChecks(()))
+
+
+def test_the_line_on_momentum_names_what_took_most(hit, monkeypatch):
+    """Of twelve thrusters and four wheels; the table of ``ffsm analyze`` has all."""
+    took = {f"jet_{i}": {"kind": "external", "taken_N_m_s": [0.0, 0.0, float(i)]} for i in range(1, 8)}
+    ends = {"initial_N_m_s": [0.0, 0.0, 1.0], "final_N_m_s": [0.0, 0.0, 1.0]}
+    found = ends | {"stack_without_wheels_N_m_s": 0.0, "residual_N_m_s": 0.0, "actuators": took}
+    monkeypatch.setattr(momentum_report, "angular_momentum", lambda _: found)
+    assert "; taken by jet_7 7, jet_6 6, jet_5 5, jet_4 4 and 3 more; " in momentum_report.momentum_line(hit)
