@@ -23,7 +23,6 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.cone_rounds import SLOTS, NearestGenerators, RoundCore
 from ffsm_mj.contact.features.body_motion import Body
 from ffsm_mj.contact.features.cone_gaps import (
-    ALIKE,
     Cone,
     ConePart,
     LevelRimOnCone,
@@ -50,9 +49,6 @@ _ALL_ROUND_M = 4.0 * CONTACT_GAP_M
 
 It is twice the distance from the axis times the cosine of the half angle; a feature ends a little before.
 """
-_ALIKE = 1e-6
-"""Share by which curvatures of an ellipsoid and the cone differ, at most, where it touches all round: there is no one
-normal."""
 _GEOM = mujoco.mjtGeom
 _NO_CONE = np.empty((0, 3))
 
@@ -248,7 +244,7 @@ class ConePair(ContactPair):
         """The same for each direction in which it touches: one, or four round the axis, the fastest approach first.
 
         Raises:
-            RunEnded: A rim or an ellipsoid touches the cone all round.
+            RunEnded: It touches the cone all round.
         """
         place = self._place(data)
         if place is None:
@@ -365,7 +361,10 @@ class ConePair(ContactPair):
     def _refused(self, data: Any) -> RunEnded:
         """The end of a run in which it touches all round."""
         message = f"{self} touch all round the axis at t = {data.time:.6g} s, where the contact normal is not defined"
-        return RunEnded(Outcome.UNSUPPORTED_CONTACT, f"{message}: end the phase before, or begin the cone at 'from_m'")
+        return RunEnded(
+            Outcome.UNSUPPORTED_CONTACT,
+            f"{message}: end the phase before, begin the cone at 'from_m', or let it bounce (restitution)",
+        )
 
     def _candidates(self, model: Any, data: Any, place: FloatArray) -> list[GapFunction]:
         """Features for each part of the cone, of a place in the world."""
@@ -429,24 +428,26 @@ class RoundConePair(ConePair):
 
     def _place(self, data: Any) -> FloatArray | None:
         if self._is_level(data):
-            return self._on_rim(data, self._fixed(data)) if self.slot == 0 else None
+            return self._extreme(data, self._fixed(data)) if self.slot == 0 else None
         return self._generators.place(data, self.slot)
 
     def _fixed(self, data: Any) -> FloatArray:
         """A direction across the axis that is fixed to the cone."""
         return np.asarray(data.xmat[self._cone.body.id].reshape(3, 3) @ self._cone.outward(0.0))
 
-    def _on_rim(self, data: Any, outward: FloatArray) -> FloatArray:
-        """The point of the rim in a direction from the axis of the cone, in the world, (3,), m."""
-        rotation, radius = data.geom_xmat[self._geom].reshape(3, 3), math.sqrt(self._squares[0])
-        across = outward - float(outward @ rotation[:, 2]) * rotation[:, 2]
-        place = data.geom_xpos[self._geom] + rotation @ self._contact.place
-        return np.asarray(place + radius / math.hypot(*across) * across)
+    def _extreme(self, data: Any, outward: FloatArray) -> FloatArray:
+        """The point next to the generator in a direction from the axis of the cone, in the world, (3,), m."""
+        rotation = data.geom_xmat[self._geom].reshape(3, 3)
+        against = (self._cone.cosine * outward - self._cone.sine * self._axis(data)) @ rotation
+        scaled = self._contact.squares * against
+        return np.asarray(
+            data.geom_xpos[self._geom] + rotation @ (self._contact.place + scaled / math.sqrt(scaled @ against))
+        )
 
     def _is_level(self, data: Any) -> bool:
-        """Whether it is a rim that lies level in the cone: gaps all round it differ by less than contact."""
+        """Whether a rim or an ellipsoid of revolution touches all round: gaps there differ by less than contact."""
         if self._contact.name != "rim":
-            return False
+            return self._generators.variation(data) <= 0.5 * CONTACT_GAP_M
         axis, rotation = self._axis(data), data.geom_xmat[self._geom].reshape(3, 3)
         rim = math.copysign(1.0, float(rotation[:, 2] @ axis)) * rotation[:, 2]
         tilt, radius = rim - float(rim @ axis) * axis, math.sqrt(self._squares[0])
@@ -459,10 +460,10 @@ class RoundConePair(ConePair):
         varies = self._cone.cosine * (offset - float(offset @ axis) * axis) + radius * self._cone.sine * tilt
         return math.hypot(*varies) <= 0.25 * CONTACT_GAP_M
 
-    def _all_round(self, data: Any, place: FloatArray) -> tuple[Proximity, ...]:  # noqa: ARG002
-        """Proximities of four points of a level rim, that of the fastest approach first; refused for an ellipsoid."""
-        if self._contact.name != "rim":
-            raise self._refused(data)
+    def _all_round(self, data: Any, place: FloatArray) -> tuple[Proximity, ...]:
+        """Proximities of four points of a level rim or ellipsoid, that of the fastest approach first."""
+        if not self._is_level(data):
+            return super()._all_round(data, place)
         first = self._fixed(data)
         second = np.cross(self._axis(data), first)
         east, north, west, south = (self._rim_point(data, way, "") for way in (first, second, -first, -second))
@@ -476,7 +477,7 @@ class RoundConePair(ConePair):
         return tuple(self._rim_point(data, way, str(k)) for k, way in enumerate((first, second, -first, -second)))
 
     def _rim_point(self, data: Any, outward: FloatArray, patch: str) -> Proximity:
-        place = self._on_rim(data, outward)
+        place = self._extreme(data, outward)
         gap, _, seen, way = self._seen(data, place)
         return self._along(data, place, gap, self._inward(data, seen, way), patch)
 
@@ -486,11 +487,10 @@ class RoundConePair(ConePair):
             self._generators.recall(data, self.slot, point)
 
     def _touches_round(self, model: Any, data: Any, rho: float) -> bool:
-        if self._contact.name == "rim":
-            return self._is_level(data)
-        return self._margin(model, data, rho, _ALIKE) < 0.0 or super()._touches_round(model, data, rho)
+        is_rim = self._contact.name == "rim"
+        return self._is_level(data) or (not is_rim and super()._touches_round(model, data, rho))
 
-    def _margin(self, model: Any, data: Any, rho: float, share: float) -> float:
+    def _margin(self, model: Any, data: Any, rho: float) -> float:
         """See :func:`~ffsm_mj.contact.features.cone_gaps.curvature_margin`."""
         outward = data.xmat[self._cone.body.id].reshape(3, 3) @ self._cone.outward(self._generators.angle(data, self.slot))
         around, inward = (
@@ -498,7 +498,7 @@ class RoundConePair(ConePair):
             self._cone.sine * self._axis(data) - self._cone.cosine * outward,
         )
         stiff = float(around @ self._curvature_radii(model, data, -inward) @ around)
-        return curvature_margin(self._cone, rho, stiff, share)
+        return curvature_margin(self._cone, rho, stiff)
 
     def features_at(self, model: Any, data: Any, near: Proximity) -> list[GapFunction]:
         """The contact feature at the state in ``data``; of a level rim that at the point of a proximity.
@@ -507,7 +507,7 @@ class RoundConePair(ConePair):
             RunEnded: The rim or ellipsoid is curved nearly as the cone is: it would touch along more than a point.
         """
         place = self._place(data)
-        if place is not None and self._is_level(data):
+        if place is not None and self._contact.name == "rim" and self._is_level(data):
             core = round_core(model, data, self._geom, self._contact)
             assert isinstance(core, Circle)
             motion = core.body.motion(data)
@@ -516,11 +516,13 @@ class RoundConePair(ConePair):
             return _closed([LevelRimOnCone("level rim on cone", not self._on_a, self._cone, point, core)], data)
         if place is not None:
             gap, rho, _, _ = self._seen(data, place)
-            if abs(gap) <= CONTACT_GAP_M and self._margin(model, data, rho, ALIKE) < -0.5 * FEATURE_BOUND_M:
+            is_alike = not self._is_level(data) and self._margin(model, data, rho) < -0.5 * FEATURE_BOUND_M
+            if abs(gap) <= CONTACT_GAP_M and is_alike:
                 message = (
                     f"{self} stay in contact at t = {data.time:.6g} s where the {self._contact.name} is curved as the cone"
                 )
-                raise RunEnded(Outcome.UNSUPPORTED_CONTACT, f"{message}: it touches along more than a point")
+                change = "change the half angle or its size, or let it bounce (restitution)"
+                raise RunEnded(Outcome.UNSUPPORTED_CONTACT, f"{message}: it touches along more than a point; {change}")
         return super().features_at(model, data, near)
 
     def _curvature_radii(self, model: Any, data: Any, direction: FloatArray) -> FloatArray:

@@ -111,6 +111,10 @@ class NearestGenerators(Stateful):
         outside = np.roll(distances, -lowest)[int(np.argmax(rising)) : _SAMPLES - int(np.argmax(rising[::-1]))]
         return 0.5 * float(outside.min(initial=math.inf)) if rising.any() else math.inf
 
+    def variation(self, data: Any) -> float:
+        """How much the distance varies round the axis at the state in ``data``, m."""
+        return float(np.ptp(self._distances(*self._placed(data))))
+
     def angle(self, data: Any, slot: int) -> float:
         """Angle of one of the minima at the state in ``data``, rad; NaN if there is none."""
         self._at(data)

@@ -279,6 +279,32 @@ def test_a_sphere_crosses_the_axis_in_an_impact(tmp_path):
     assert_replayed(run)
 
 
+@pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
+def test_an_ellipsoid_of_revolution_bounces_on_the_axis(tmp_path, restitution):
+    """It touches on a circle, where z sin(alpha) = hypot(a cos(alpha), c sin(alpha)): four points share m v (1 + e).
+
+    Plastic, it would stay: the run ends and says what to change.
+    """
+    egg = ball("egg", radius=R).replace('type="sphere" size="0.1"', 'type="ellipsoid" size="0.1 0.1 0.15"')
+    start = {"joints": {"robot/free": [0, 0, 0.6, 1, 0, 0, 0]}, "rates": {"robot/free": [0, 0, -0.5, 0, 0, 0]}}
+    run = ffsm_mj.run(in_funnel(tmp_path, egg, restitution=restitution, initial=start))
+    height = math.hypot(0.1 * COSINE, 0.15 * SINE) / SINE
+    if restitution == 0.0:
+        assert run.outcome == "unsupported_contact"
+        assert "let it bounce (restitution)" in run.message
+        assert float(run.message.split("t = ")[1].split()[0].strip(",")) == pytest.approx((0.6 - height) / 0.5, abs=1e-6)
+        return
+    assert_passes(run)
+    assert [impact.time_s for impact in run.impacts] == pytest.approx([(0.6 - height) / 0.5] * 4, abs=1e-12)
+    assert sum(impact.impulse_N_s for impact in run.impacts) * SINE == pytest.approx(0.5 * (1.0 + restitution), abs=1e-12)
+    assert run.qvel[-1] == pytest.approx([0, 0, 0.5 * restitution, 0, 0, 0], abs=1e-12)
+    place, along = 0.1**2 * COSINE / (height * SINE), 0.15**2 * SINE / (height * SINE)
+    for impact in run.impacts:  # on the circle of contact
+        assert math.hypot(*impact.point_m[:2]) == pytest.approx(place, abs=1e-12)
+        assert impact.point_m[2] == pytest.approx(height - along, abs=1e-12)
+    assert_replayed(run)
+
+
 def pin(half, gravity=0.0):
     """A cylinder of radius R along z; its inertia about z is 0.008 kg m2, its mass 1 kg."""
     return f"""<mujoco><option gravity="0 0 {-gravity}"/><worldbody><body name="pin"><freejoint name="free"/>

@@ -262,8 +262,8 @@ def turn_rate(cone: Cone, place: Vector, velocity: Vector, data: Any) -> float:
     return math.hypot(*cross(motion.turned(cone.axis), minus(velocity, motion.velocity_at(arm)))) / rho
 
 
-def curvature_margin(cone: Cone, rho: float, stiff: float, share: float = ALIKE) -> float:
-    """Length by which a body is curved more, round the axis, than the cone is, less a share of the distance from it; m.
+def curvature_margin(cone: Cone, rho: float, stiff: float) -> float:
+    """Length by which a body is curved more, round the axis, than the cone is, less ALIKE of the distance from it; m.
 
     At zero they touch along more than a point, as a rim does all round where it is level.
 
@@ -271,9 +271,8 @@ def curvature_margin(cone: Cone, rho: float, stiff: float, share: float = ALIKE)
         cone: The cone.
         rho: Distance of the contact from the axis, m.
         stiff: Radius of curvature of the body there round the axis, m.
-        share: The share.
     """
-    return rho - cone.cosine * stiff - share * rho
+    return rho - cone.cosine * stiff - ALIKE * rho
 
 
 def from_axis(cone: Cone, local: Vector) -> tuple[float, float, Vector]:
