@@ -30,17 +30,18 @@ from ffsm_mj.contact.features.cone_gaps import (
     PointOnCone,
     RoundOnCone,
     curvature_margin,
+    from_axis,
     level_tilt,
 )
 from ffsm_mj.contact.features.cores import Circle, Ellipsoid, Point
-from ffsm_mj.contact.features.gap_function import GapFunction
+from ffsm_mj.contact.features.gap_function import Feature, GapFunction
 from ffsm_mj.contact.pairs import ContactPair, gap_rounding
 from ffsm_mj.contact.proximity import FAR_M, Proximity, SecondRate, point_motion, second_rate_of
 from ffsm_mj.contact.shape import Shape
 from ffsm_mj.model.cones import ConeConfig
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Outcome, RunEnded
-from ffsm_mj.tolerances import CLEARLY_APART_M, CONTACT_GAP_M, EPSILON, FEATURE_BOUND_M
+from ffsm_mj.tolerances import CLEARLY_APART_M, CLOSED_RATE, CONTACT_GAP_M, EPSILON, FEATURE_BOUND_M, RATE
 
 _BEHIND = 0.1
 """Depth in radii of the mouth from which on a point is behind the surface; steps are followed by half of it at a time."""
@@ -407,6 +408,7 @@ class RoundConePair(ConePair):
         """See :class:`ConePair`; ``generators`` is shared by all pairs of the rim or ellipsoid."""
         super().__init__(*arguments)
         self._generators, self.slot = generators, slot
+        self._held: tuple[Feature, ...] = ()
         assert self._contact.squares is not None
         self._squares = self._contact.squares.tolist()
 
@@ -423,7 +425,8 @@ class RoundConePair(ConePair):
         return min([limit, *(self._seen(data, place)[0] for place in self._generators.places(data))])
 
     def hold(self, features: Sequence[Any]) -> None:
-        """Note whether persistent contact holds this place."""
+        """Note whether persistent contact holds this place, and of a level rim by which points."""
+        self._held = tuple(features)
         self._generators.hold(self.slot, closed=bool(features))
 
     def _place(self, data: Any) -> FloatArray | None:
@@ -461,16 +464,22 @@ class RoundConePair(ConePair):
         return math.hypot(*varies) <= 0.25 * CONTACT_GAP_M
 
     def _all_round(self, data: Any, place: FloatArray) -> tuple[Proximity, ...]:
-        """Proximities of four points of a level rim or ellipsoid, that of the fastest approach first."""
+        """Proximities of four points of a level rim or ellipsoid: those held, or that of the fastest approach first."""
         if not self._is_level(data):
             return super()._all_round(data, place)
-        first = self._fixed(data)
+        first, still = self._fixed(data), 2.0
+        if self._held:
+            # They turn with the rim, and their rates drift by the truncation error of a step.
+            motion = self._cone.body.motion(data)
+            x, y, z = (self._held[0].at(data).point - motion.origin).tolist()
+            _, _, away = from_axis(self._cone, motion.local((x, y, z)))
+            first, still = np.array(motion.turned(away)), CLOSED_RATE / RATE
         second = np.cross(self._axis(data), first)
         east, north, west, south = (self._rim_point(data, way, "") for way in (first, second, -first, -second))
         # Rates vary round the axis as its sine and cosine.
         fastest = (west.rate - east.rate) * first + (south.rate - north.rate) * second
         speed = math.hypot(*fastest)
-        if speed > 2.0 * east.rate_tolerance:
+        if speed > still * east.rate_tolerance:
             first = fastest / speed
             second = np.cross(self._axis(data), first)
         # Patches of their own: points of one patch share a normal.

@@ -364,7 +364,7 @@ def test_a_disc_spins_down_in_a_cone(tmp_path):
     funnel = in_funnel(tmp_path, pin(0.03, 3.0), mu=0.05, initial=start, conservative=False, duration_s=0.8)
     run = ffsm_mj.run(funnel)
     assert_passes(run)
-    assert_replayed(run)
+    assert [check for check in replay_log(run.log).checks() if not check.passes] == []  # by points that turn with the rim
     rate = 0.05 * 3.0 * R / SINE / 0.008
     (sticks,) = run.records["contact_sticks"]
     assert sticks.time_s == pytest.approx(2.0 / rate, abs=1e-9)
