@@ -256,7 +256,7 @@ def _model_rows(strip: Sequence[str], mission: Mission, places: Places) -> list[
         ),
         ("contacts:", "which geoms may touch"),
         ("  default: {restitution: 0.3}", "all of different models; 1 conserves the energy, 0 loses most"),
-        ("  weld_m: 1.0e-7", "what meets within this on one body has one plane: meshes are in single precision, m"),
+        ("  weld_m: 1.0e-8", "what meets within this on one body has one plane: meshes are in single precision, m"),
         ("  ignored:", "neither resolved nor reported"),
         ("    - {between: [robot, self], reason: links overlap at their joints}", "of the arm with itself and the bus"),
     ]
