@@ -408,7 +408,7 @@ class RoundConePair(ConePair):
         """See :class:`ConePair`; ``generators`` is shared by all pairs of the rim or ellipsoid."""
         super().__init__(*arguments)
         self._generators, self.slot = generators, slot
-        self._held: tuple[Feature, ...] = ()
+        self._closed_points: tuple[Feature, ...] = ()
         assert self._contact.squares is not None
         self._squares = self._contact.squares.tolist()
 
@@ -426,7 +426,7 @@ class RoundConePair(ConePair):
 
     def hold(self, features: Sequence[Any]) -> None:
         """Note whether persistent contact holds this place, and of a level rim by which points."""
-        self._held = tuple(features)
+        self._closed_points = tuple(features)
         self._generators.hold(self.slot, closed=bool(features))
 
     def _place(self, data: Any) -> FloatArray | None:
@@ -468,10 +468,10 @@ class RoundConePair(ConePair):
         if not self._is_level(data):
             return super()._all_round(data, place)
         first, still = self._fixed(data), 2.0
-        if self._held:
+        if self._closed_points:
             # They turn with the rim, and their rates drift by the truncation error of a step.
             motion = self._cone.body.motion(data)
-            x, y, z = (self._held[0].at(data).point - motion.origin).tolist()
+            x, y, z = (self._closed_points[0].at(data).point - motion.origin).tolist()
             _, _, away = from_axis(self._cone, motion.local((x, y, z)))
             first, still = np.array(motion.turned(away)), CLOSED_RATE / RATE
         second = np.cross(self._axis(data), first)
