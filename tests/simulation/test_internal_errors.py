@@ -27,7 +27,7 @@ from tests.scenes import two_balls
 from tests.ticks import in_the_loop
 
 PLACES = {
-    "a contact model, in a stage": (ClosedContacts, "push", 90),
+    "a contact model, in a stage": (ClosedContacts, "push", 3),
     "a contact model, at its event": (GraspModel, "act", 0),
     "a contact model, told of an event": (GraspModel, "after_event", 1),
     "an impact": (ImpactModel, "resolve", 0),
