@@ -1,8 +1,8 @@
 """A random scene on pieces against the same body on the whole box, and on the same pieces once more cut.
 
 Some motions amplify rounding beyond any tolerance: the contact point of a nearly level cylinder rolls round its rim at
-200 m/s, and each of a hundred impacts adds its share. Where pieces differ, the run on the whole box is made again from starts moved by 3e-16 m: what differs as much
-there by the same event or row is of the motion, not of pieces.
+200 m/s, and each of a hundred impacts adds its share. Where pieces differ, the run on the whole box is made again from
+starts moved by 3e-16 m: what differs as much there by the same event or row is of the motion, not of pieces.
 """
 
 from __future__ import annotations
