@@ -128,6 +128,9 @@ def slow_points(
     points = [
         ContactPoint(pair, feature, near.patch)
         for pair, near in pairs
+        # The features of a patch of unions are at its points: where all of these separate fast, none is looked for. Normals
+        # of features differ from that of the patch by PARALLEL: so do rates, as a share of speeds far below 1000 m/s.
+        if pair.is_limit or not pair.has_pieces or near.rate <= 2.0 * _SLOW_M_S
         for feature in ((pair.feature,) if pair.is_limit else features(pair, model, data, near))
     ]
     return [
