@@ -15,12 +15,16 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.replay import explain, replay_log
 from ffsm_mj.replay.truncation import AnalysisLimits
+from ffsm_mj.tolerances import EPSILON
 from tests.contact.unions.drawing import draw
 from tests.contact.unions.scenes import Difference, differences, text_of
+from tests.random_scenes.dice import Dice
 from tests.random_scenes.judge import replay_faults
 from tests.replays import assert_replayed
 
@@ -105,11 +109,15 @@ def judge(seed: int) -> Verdict:
 
 
 def _moved(path: Path) -> Iterable[Any]:
-    """Runs of a scene whose body starts beside, above or below its place by rounding."""
-    text = path.read_text()
-    for axis, by in product(range(3), (MOVED, -MOVED)):
+    """Runs of a scene whose body starts beside, above or below its place by rounding, and then turned by it too."""
+    text, dice = path.read_text(), Dice(0, "moves of a start")
+    moves = [MOVED * sign * way for way, sign in product(np.eye(3, 7), (1.0, -1.0))]
+    # Along the axes of the world a body may be moved as a whole floor is, by as much at all of its corners.
+    moves += [np.array([*(MOVED * np.array(dice.direction())), *(EPSILON / 2.0 * dice.rng.normal(size=4))]) for _ in moves]
+    for move in moves:
         scene = json.loads(text)
-        scene["initial"]["joints"]["free"][axis] += by
+        joints = scene["initial"]["joints"]["free"]
+        joints[:] = (np.array(joints) + move).tolist()
         beside = path.with_name("moved.yaml")
         beside.write_text(json.dumps(scene))
         yield ffsm_mj.run(beside)
