@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import replace
@@ -63,7 +62,7 @@ class ModelResults:
             KeyError: A tolerance for an unknown check.
         """
         if self._checks is None:
-            self._checks = ModelChecks(self._log, digest.kept, self._compiled, self._stack_momentum)
+            self._checks = ModelChecks(self._log, digest.kept, self._compiled)
         return self._checks.all_checks(digest.check_accumulator, tolerance)
 
     @cached_property
@@ -84,11 +83,6 @@ class ModelResults:
         for event in self._log.events:
             computed.event(event)
         return computed.summary()
-
-    def _stack_momentum(self) -> float:
-        """Angular momentum of robot and grasped object at the end without the wheels, N m s; NaN if it is unknown."""
-        momentum = self.effort["angular_momentum"]
-        return math.nan if momentum is None else float(momentum["stack_without_wheels_N_m_s"])
 
 
 class Run:

@@ -172,7 +172,7 @@ def _say_status(status: Status, output: Output) -> None:
         runs = plural(check.runs, "run")
         worst = f"at worst {check.excess:.3g} times its tolerance, run {check.worst}"
         output.say(f"  check fails in {runs}: {one_line(check.name)}, {worst}")
-        if check.name in {name for name, _, _ in TERMINAL_CHECKS.values()} and check.runs == status.done:
+        if check.name in {name for name, _ in TERMINAL_CHECKS.values()} and check.runs == status.done:
             # A law that leaves more than another is a result to compare, not a run that went wrong.
             bound = "the key 'terminal' of the scenario sets this bound, and runs that miss it are not compared"
             output.say(f"  {bound}; to compare them, give the campaign 'overrides: {{terminal: null}}' or a larger bound")

@@ -24,8 +24,17 @@ _ALL_FREE = "1 1 1 1 1 1"
 _MODELS = ("model", "controller_model")
 _START = "start_s"
 _ORBIT_RATE = "orbit_rate_rad_s"
-_TERMINAL = "terminal_"
-_POSITIVE = dict.fromkeys(("time_step_s", "control_period_s", _START), "seconds") | {_TERMINAL: "N m s"}
+TERMINAL_UNITS = {
+    "stack_momentum_N_m_s": "N m s",
+    "base_rate_rad_s": "rad/s",
+    "base_speed_m_s": "m/s",
+    "relative_rate_rad_s": "rad/s",
+}
+"""Units of the bounds on the last state of a run, by key of the section ``terminal`` of a scenario."""
+_TERMINAL = {key: f"terminal_{key}" for key in TERMINAL_UNITS}
+_POSITIVE = dict.fromkeys(("time_step_s", "control_period_s", _START), "seconds") | {
+    _TERMINAL[key]: unit for key, unit in TERMINAL_UNITS.items()
+}
 """Entries that are positive numbers, with their units."""
 _DEEPEST = 5  # tree, body, geoms, geom, key
 
@@ -91,13 +100,13 @@ def logged_task(metadata: Mapping[str, str]) -> LoggedTask | None:
 
 
 def terminal_metadata(bounds: Mapping[str, float | None]) -> dict[str, str]:
-    """Metadata of the bounds on the last state of a run, by key of the section ``terminal`` of the scenario."""
-    return {f"{_TERMINAL}{key}": repr(float(bound)) for key, bound in bounds.items() if bound is not None}
+    """Metadata of the bounds on the last state of a run, by the keys of ``TERMINAL_UNITS``."""
+    return {_TERMINAL[key]: repr(float(bound)) for key, bound in bounds.items() if bound is not None}
 
 
 def terminal_bounds(metadata: Mapping[str, str]) -> dict[str, float]:
     """The bounds of :func:`terminal_metadata` by key."""
-    return {key.removeprefix(_TERMINAL): float(text) for key, text in metadata.items() if key.startswith(_TERMINAL)}
+    return {key: float(metadata[name]) for key, name in _TERMINAL.items() if name in metadata}
 
 
 def phase_graph_metadata(edges: Sequence[tuple[int, str, int]]) -> dict[str, str]:

@@ -60,12 +60,12 @@ FORCE_TOLERANCE = 1e-8
 """Tolerance of the complementarity residual of contact forces, times (1 N + force)."""
 
 TERMINAL_CHECKS = {
-    "stack_momentum_N_m_s": ("stack momentum at the end", "L", "N m s"),
-    "base_rate_rad_s": ("base rate at the end", "base", "rad/s"),
-    "base_speed_m_s": ("base speed at the end", "base", "m/s"),
-    "relative_rate_rad_s": ("relative rate at the end", "object", "rad/s"),
+    "stack_momentum_N_m_s": ("stack momentum at the end", "L"),
+    "base_rate_rad_s": ("base rate at the end", "base"),
+    "base_speed_m_s": ("base speed at the end", "base"),
+    "relative_rate_rad_s": ("relative rate at the end", "object"),
 }
-"""Checks of the last state by key of the section ``terminal`` of a scenario: name, component and unit."""
+"""Checks of the last state by key of the section ``terminal`` of a scenario: name and component."""
 RELATIVE_CHECKS = (
     *("energy", "linear momentum", "angular momentum", "momentum two ways"),
     *("impact energy", "impact restitution", "heat of sliding", "Jacobi integral"),
@@ -76,7 +76,7 @@ CHECK_NAMES = (
     *RELATIVE_CHECKS,
     *("no penetration", "no joint past its limit", "contact complementarity", "energy of projections"),
     *INDEPENDENT_TOLERANCES,
-    *(name for name, _, _ in TERMINAL_CHECKS.values()),
+    *(name for name, _ in TERMINAL_CHECKS.values()),
 )
 """All checks. ``no penetration``, with a tolerance in m, if the log has the depth; ``no joint past its limit``, in rad or m,
 in runs with joint limits; ``contact complementarity`` of a replay, with persistent contact; ``energy of projections`` where
@@ -125,12 +125,16 @@ class CheckAccumulator:
     """Evaluates the checks of a run from blocks of rows, without storing them.
 
     Attributes:
+        layout: Columns of the rows.
         samples: Rows so far.
+        last: The last one; None before the first.
         has_contact_forces: Whether a row has a force of persistent contact or a joint limit; a replay checks these.
     """
 
     def __init__(self, layout: Layout, metadata: Mapping[str, str]) -> None:
         """Find the columns of the checks."""
+        self.layout, self.samples = layout, 0
+        self.last: FloatArray | None = None
         self._conservative = is_conservative(metadata)
         self._accounts = {subsystem: BalanceColumns(layout, metadata, subsystem) for subsystem in SUBSYSTEMS}
         self._changes = {
@@ -151,7 +155,6 @@ class CheckAccumulator:
         self._projected = Peak()
         self._heat, self._jacobi = HeatCheck(layout, drift_window_s(metadata)), JacobiCheck(layout, metadata)
         self._grasps = [layout.index[columns.closed] for columns in logged_load_columns(layout)]
-        self._time, self.samples = layout.time, 0
 
     def rows(self, block: FloatArray, added: FloatArray | None = None, forces_apart: FloatArray | None = None) -> None:
         """Process the next rows.
@@ -165,7 +168,9 @@ class CheckAccumulator:
         increments = np.zeros((len(block), len(RESIDUALS))) if added is None else added
         more = increments[:, :-1].reshape(len(block), len(SUBSYSTEMS), -1)
         self.samples += len(block)
-        times = block[:, self._time]
+        if len(block):
+            self.last = block[-1].copy()
+        times = block[:, self.layout.time]
         scales = {subsystem: accounts.scales(block) for subsystem, accounts in self._accounts.items()}
         if self._grasps:
             # What the robot gives to a grasped object enters the balance as the change of the object's energy and momentum.

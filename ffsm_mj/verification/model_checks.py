@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
@@ -18,7 +18,7 @@ from ffsm_mj.errors import InputError
 from ffsm_mj.log.scenario import compile_log, scenario_data
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Outcome
-from ffsm_mj.records.metadata import terminal_bounds
+from ffsm_mj.records.metadata import TERMINAL_UNITS, terminal_bounds
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import coordinate_keys, rate_keys
 from ffsm_mj.verification.agreement import Discrepancy
@@ -34,22 +34,15 @@ if TYPE_CHECKING:
 class ModelChecks:
     """Checks of one log with its models; these are compiled, and the checks computed, when they are first asked for."""
 
-    def __init__(
-        self,
-        log: RunLog,
-        kept: KeptRows,
-        models: Models | None = None,
-        stack_momentum: Callable[[], float] | None = None,
-    ) -> None:
+    def __init__(self, log: RunLog, kept: KeptRows, models: Models | None = None) -> None:
         """Bind to a log.
 
         Args:
             log: The log, of which metadata and records suffice.
             kept: Its kept rows.
             models: Returns its compiled models and its scenario as plain data; None: they are taken from the log.
-            stack_momentum: See :func:`terminal_checks`.
         """
-        self._log, self._kept, self._stack_momentum = log, kept, stack_momentum
+        self._log, self._kept = log, kept
         self._models = models or partial(_logged_models, log)
         self._friction = FrictionCheck(log, self._models)
 
@@ -65,11 +58,7 @@ class ModelChecks:
         """
         allowed, named = tolerances(tolerance), tolerance if isinstance(tolerance, Mapping) else {}
         of_rows = rows.checks(self._log.impact_records, tolerance, self._friction)
-        return (
-            *of_rows,
-            *self._independent(allowed),
-            *terminal_checks(self._log, named, self._models, self._stack_momentum),
-        )
+        return (*of_rows, *self._independent(allowed), *self._terminal(rows, named))
 
     def _independent(self, allowed: Mapping[str, float]) -> list[Check]:
         """Checks by other physics than the engine's: see :mod:`ffsm_mj.verification.independent`."""
@@ -98,6 +87,45 @@ class ModelChecks:
         except InputError:  # the log has no models, or they no longer compile
             return []
 
+    def _terminal(self, rows: CheckAccumulator, named: Mapping[str, float]) -> list[Check]:
+        """Checks of the last state; none where the scenario asks for none, or if the run did not reach its end."""
+        bounds, outcome = terminal_bounds(self._log.header.metadata), self._log.outcome
+        if not bounds or outcome is None or outcome.outcome != Outcome.COMPLETED:
+            return []
+        end_s = math.nan if rows.last is None else float(rows.last[rows.layout.time])
+        left = dict(zip(TERMINAL_CHECKS, self._left(rows), strict=True))
+        return [
+            Check(name, "robot", component, left[key], end_s, named.get(name, bounds[key]), TERMINAL_UNITS[key], left[key])
+            for key, (name, component) in TERMINAL_CHECKS.items()
+            if key in bounds
+        ]
+
+    def _left(self, rows: CheckAccumulator) -> tuple[float, float, float, float]:
+        """What is left in the last row, in the order of ``TERMINAL_CHECKS``; NaN if it is unknown.
+
+        It is |L| of robot and grasped object about their centre of mass, less that of the wheels, angular speed and speed of
+        the base, and the greatest angular speed of an object relative to it.
+        """
+        unknown = (math.nan,) * 4
+        if rows.last is None:
+            return unknown
+        try:
+            system, _ = self._models()
+            joints, data = system.joints.values(), mujoco.MjData(system.mj)
+            data.qpos[:] = rows.last[rows.layout.places(coordinate_keys(joints))]
+            data.qvel[:] = rows.last[rows.layout.places(rate_keys(joints))]
+        except (InputError, KeyError):
+            return unknown
+        mujoco.mj_kinematics(system.mj, data)
+        mujoco.mj_comPos(system.mj, data)
+        mujoco.mj_comVel(system.mj, data)
+        grasped = grasped_objects(self._log.events)
+        rest, _ = StackMomentum(system).parts(data, grasped)
+        base = _twist(system, data, system.robot.root)
+        objects = [_twist(system, data, one.root) for one in system.objects if not grasped or one.name in grasped]
+        relative = max((math.dist(one[:3], base[:3]) for one in objects), default=0.0)
+        return math.hypot(*rest.tolist()), math.hypot(*base[:3]), math.hypot(*base[3:]), relative
+
     def _has_anything(self) -> bool:
         """Whether there is anything to check so; models are not compiled for nothing."""
         columns = ("sensor.", "contact.grasp_", "balance.friction_heat")
@@ -111,59 +139,6 @@ def _logged_models(log: RunLog) -> tuple[System, Mapping[str, Any]]:
         InputError: It has none, or they do not compile.
     """
     return compile_log(log), scenario_data(log)
-
-
-def terminal_checks(
-    log: RunLog, tolerances: Mapping[str, float], models: Models, known: Callable[[], float] | None = None
-) -> tuple[Check, ...]:
-    """Checks of the last state; empty where the scenario asks for none, and for a run that did not reach its end.
-
-    Args:
-        log: A run.
-        tolerances: Given tolerances by check, in place of those of the scenario.
-        models: Returns its compiled models, and its scenario.
-        known: Returns the angular momentum that is left, N m s; None: it is computed from the last row of the log.
-    """
-    bounds = terminal_bounds(log.header.metadata)
-    if not bounds or log.outcome is None or log.outcome.outcome != Outcome.COMPLETED:
-        return ()
-    left = dict(zip(TERMINAL_CHECKS, _left(log, models), strict=True))
-    if known is not None:
-        left["stack_momentum_N_m_s"] = known()
-    end_s = float(log.rows[-1][log.header.layout.time]) if len(log.rows) else math.nan
-    return tuple(
-        Check(name, "robot", component, left[key], end_s, tolerances.get(name, bounds[key]), unit, left[key])
-        for key, (name, component, unit) in TERMINAL_CHECKS.items()
-        if key in bounds
-    )
-
-
-def _left(log: RunLog, models: Models) -> tuple[float, float, float, float]:
-    """What is left in the last row, in the order of ``TERMINAL_CHECKS``; NaN if it is unknown.
-
-    It is |L| of robot and grasped object about their centre of mass, less that of the wheels, angular speed and speed of the
-    base, and the greatest angular speed of an object relative to it.
-    """
-    unknown = (math.nan,) * 4
-    if not len(log.rows):
-        return unknown
-    try:
-        system, _ = models()
-        joints, row = system.joints.values(), log.rows[-1]
-        data = mujoco.MjData(system.mj)
-        data.qpos[:] = row[log.header.layout.places(coordinate_keys(joints))]
-        data.qvel[:] = row[log.header.layout.places(rate_keys(joints))]
-    except (InputError, KeyError):
-        return unknown
-    mujoco.mj_kinematics(system.mj, data)
-    mujoco.mj_comPos(system.mj, data)
-    mujoco.mj_comVel(system.mj, data)
-    grasped = grasped_objects(log.events)
-    rest, _ = StackMomentum(system).parts(data, grasped)
-    base = _twist(system, data, system.robot.root)
-    objects = [_twist(system, data, one.root) for one in system.objects if not grasped or one.name in grasped]
-    relative = max((math.dist(one[:3], base[:3]) for one in objects), default=0.0)
-    return math.hypot(*rest.tolist()), math.hypot(*base[:3]), math.hypot(*base[3:]), relative
 
 
 def _twist(system: System, data: Any, body: int) -> FloatArray:

@@ -102,6 +102,8 @@ def test_a_log_without_its_scenario(hit, tmp_path, capsys, command, code, conten
         ("task_target_m", "1"),
         ("orbit_rate_rad_s", "0 0 x"),
         ("orbit_rate_rad_s", "0 1"),
+        ("terminal_stack_momentum_N_m_s", "x"),
+        ("terminal_base_rate_rad_s", "-1"),
         ("model", ""),
         ("model", "[1.0]"),
         ("model", '{"a": {"b": {"mass_kg": NaN}}}'),
