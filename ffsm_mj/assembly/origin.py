@@ -47,6 +47,8 @@ _LAWS = ("phases", "task")
 _OF_FILE = ("name", "description", "initial", "log", "duration_s")
 """Keys that never change the parts of the simulation."""
 _FROM, _AT = ("initial", "from"), ("initial", "at_s")
+INSTANT = 1e-9
+"""A tick or event this close before an instant, in control periods, is at it."""
 _UNDER_WAY: ContextVar[tuple[Path, ...]] = ContextVar("scenarios that are being prepared", default=())
 
 
@@ -90,8 +92,7 @@ class Origin:
     @stopped_clock()
     @np.errstate(all="ignore")
     def _repeated_start(self) -> Start:
-        # A tick or event this close before the instant, in control periods, is at it.
-        until_s = self.at_s - 1e-9 * self.before.scenario.control_period_s
+        until_s = self.at_s - INSTANT * self.before.scenario.control_period_s
         for kept in (*self._states_before(until_s), None):
             with suppress(StateError):  # of another version, or damaged: another one, or the beginning, will do
                 simulation, state = self._at_instant(kept, until_s)

@@ -301,9 +301,7 @@ class EventSource(Source):
     bound_within = math.inf
 
     def excludes_events(self, motion_bound: float) -> bool:
-        """Whether no event is possible up to a motion bound."""
-        if motion_bound < self.event_bound:
-            return True
+        """Whether no event is possible up to a motion bound that is not below ``event_bound``."""
         # While no coordinate has come as far as the clearances reach, only what travels do not cover, as joint limits, is
         # bounded by the energy.
         return bool(self.travels) and motion_bound < self.bound_within and all(travel.is_within for travel in self.travels)

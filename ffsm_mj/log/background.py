@@ -100,7 +100,7 @@ class BackgroundSink(Sink):
         """Bind to the sinks.
 
         Args:
-            sinks: They.
+            sinks: The sinks, for the process to write to.
             folder: Folder that they write, which is told its final path.
             complete: Makes rows of the blocks that are passed.
             width: Width of these blocks.

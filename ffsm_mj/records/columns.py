@@ -20,8 +20,8 @@ class Columns:
         signals: Signals of the columns.
         live: Current values, contiguous, copied at each sample: of the columns, (number of signals,), or with ``table`` what
             that needs, (any number,).
-        table: Computes the columns of many samples at once, (n, number of signals), of the copies of ``live`` at them,
-            (n, size). That may be done later and in another process: of nothing else that changes in a run.
+        table: Computes the columns of many samples at once, (n, number of signals), from the copies of ``live`` at them,
+            (n, size), later and maybe in another process: it must not depend on anything else that changes in a run.
         on_sample: Called with the time in s at each sample before anything is copied, to update ``live``.
         at_state: Values at a sample under the forces that act, (number of signals,). A log replay varies these forces by
             rounding and compares; columns that do not depend on forces, or have a state, may have any constant. None: no

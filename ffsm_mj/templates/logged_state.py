@@ -9,6 +9,7 @@ import numpy as np
 
 from ffsm_mj.analysis.run import Run, load_run
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.assembly.origin import INSTANT
 from ffsm_mj.assembly.prepare import PreparedRun, prepare
 from ffsm_mj.errors import InputError, working_on
 from ffsm_mj.invocation import command
@@ -19,9 +20,6 @@ from ffsm_mj.scenario.phases import is_branching
 from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.templates.robot import new_files, relative
 from ffsm_mj.yaml import write_flow
-
-_AT = 1e-9
-"""A tick this close before the instant, in control periods, is at it: as for ``ffsm run --from``."""
 
 
 def write_start(name: str, out: Path, folder: Path, at_s: float) -> list[str]:
@@ -44,7 +42,7 @@ def write_start(name: str, out: Path, folder: Path, at_s: float) -> list[str]:
         raise InputError(f"new: --from: {folder} is no run folder that can go on: it has no {SCENARIO}")
     with working_on(folder):
         before, run = prepare(folder / SCENARIO), load_run(folder)
-        row = int(np.searchsorted(run.time, at_s - _AT * before.scenario.control_period_s))
+        row = int(np.searchsorted(run.time, at_s - INSTANT * before.scenario.control_period_s))
         phase = _refused(run, before.scenario, row, f"new: --from: {at_s:g} s")
     now = float(run.time[row])
     kept = before.scenario.phases[phase.index :]
@@ -82,15 +80,15 @@ def _refused(run: Run, scenario: ScenarioConfig, row: int, what: str) -> PhaseRe
         InputError: There is no such row, or ``initial`` cannot express what there is.
     """
     if row == len(run.time) or not row:
-        lasts = f"{run.time[0]:g} to {run.time[-1]:g} s"
-        raise InputError(f"{what} is not an instant of the run after its start: it has {lasts}")
+        lasts = f"which lasts from {run.time[0]:g} to {run.time[-1]:g} s"
+        raise InputError(f"{what} is not an instant after the start of the run, {lasts}")
     now, goes_on = run.time[row], "; 'initial: {from: RUN, at_s: TIME}' of a scenario goes on from there"
     closed = [one.grasp for one in run.grasps if one.time_s <= now and (one.release_s is None or one.release_s > now)]
     if closed:
-        raise InputError(f"{what}: grasp {closed[0]!r} is closed, which a start cannot be; take an instant before{goes_on}")
+        raise InputError(f"{what}: grasp {closed[0]!r} is closed, which no start can have; take an instant before{goes_on}")
     if scenario.environment is not None and scenario.environment.orbit is not None:
         raise InputError(f"{what}: with an orbit a start is at t = 0 of it{goes_on}")
-    phase = [phase for phase in run.phases if phase.start_s <= now + _AT * scenario.control_period_s][-1]
+    phase = [phase for phase in run.phases if phase.start_s <= now + INSTANT * scenario.control_period_s][-1]
     if phase.index and is_branching(scenario.phases):
         raise InputError(f"{what}: phase {phase.name!r} of phases that branch is not the first one{goes_on}")
     return phase

@@ -94,9 +94,9 @@ def test_what_a_start_cannot_be_is_refused_in_a_line(tmp_path, written):
     orbit = {"environment": {"orbit": {"altitude_km": 500}}, "duration_s": 0.1}
     ffsm_mj.run(grasping(tmp_path / "grasp"), orbit, out=tmp_path / "orbiting", rerun=False)
     for text, said in (
-        ("../grasped@1.5", "new: --from: 1.5 s: grasp 'grasp' is closed, which a start cannot be; take an instant before"),
+        ("../grasped@1.5", "new: --from: 1.5 s: grasp 'grasp' is closed, which no start can have; take an instant before"),
         ("../branched@0.35", "new: --from: 0.35 s: phase 'pause' of phases that branch is not the first one"),
-        ("../grasped@2.5", "new: --from: 2.5 s is not an instant of the run after its start: it has 0 to 2 s"),
+        ("../grasped@2.5", "new: --from: 2.5 s is not an instant after the start of the run, which lasts from 0 to 2 s"),
         ("../orbiting@0.05", "new: --from: 0.05 s: with an orbit a start is at t = 0 of it; 'initial: {from"),
         ("../none@1", "new: --from: ../none is no run folder that can go on: it has no scenario.yaml"),
         ("../grasped", "ffsm new: argument --from: ../grasped is not RUN@TIME, such as logs/cap@50"),
