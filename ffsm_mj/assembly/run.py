@@ -54,7 +54,7 @@ from ffsm_mj.simulation.rows import RowWriter
 from ffsm_mj.simulation.wall_clock import prompt_process
 
 PACED_ROWS = 20
-"""Rows that a run in real time passes on at once: some 60 us for the message, and 2 us for each row."""
+"""Rows that a run in real time passes on at once, which bounds what a tick does for its log."""
 _PACKAGES = ("ffsm-mj", "mujoco", "numpy", "scipy", "mcap", "rerun-sdk", "pydantic", "protobuf")
 
 
