@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import fields
-from typing import Any
+from typing import Any, TypeVar
 
 import mujoco
 
@@ -105,11 +105,7 @@ def _of_patch(near: UnionProximity, model: Any, data: Any) -> tuple[Feature, ...
             # passes the rim between two cylinders, this is no contact beside that on their side.
             apart = SAME_POINT_M if _is_covered(feature, pair) else FEATURE_BOUND_M
             if any(math.dist(state.point, point) <= SAME_POINT_M for point in near.points):
-                at = _place_of(state, [other for _, other, _ in closed], apart)
-                if at is None:
-                    closed.append((united, state, pair))
-                elif _closes_before(state, closed[at][1]):
-                    closed[at] = united, state, pair
+                _keep(closed, (united, state, pair), apart)
         # The highest-dimensional contact wins, as between two geoms.
         if closed:
             break
@@ -177,8 +173,12 @@ class _Search:
     def all(self) -> list[GapFunction]:
         """All features of the contact."""
         # The highest-dimensional contact wins: corners of a face on a face would otherwise be found again as edge contacts.
-        on_faces = [feature for feature, _ in _one_a_place(self.on_faces())]
-        return on_faces or self.between_lines() or self.on_lines() or self.between_corners()
+        on_faces: list[tuple[GapFunction, FeatureState]] = []
+        for candidate in self.on_faces():
+            _keep(on_faces, candidate, 0.5 * FEATURE_BOUND_M)
+        if on_faces:
+            return [feature for feature, _ in on_faces]
+        return self.between_lines() or self.on_lines() or self.between_corners()
 
     def on_faces(self) -> list[tuple[GapFunction, FeatureState]]:
         """Corners on faces, and crossings of edges over faces, with their states: all of those at one place."""
@@ -317,32 +317,26 @@ class _Search:
         return math.copysign(1.0, dot(self._normal, cross(self._a.direction(one), self._b.direction(other))))
 
 
-def _one_a_place(candidates: Iterable[tuple[GapFunction, FeatureState]]) -> list[tuple[GapFunction, FeatureState]]:
-    """Of features at one place that which closes first; the first of several.
+_Candidate = TypeVar("_Candidate", tuple[GapFunction, FeatureState], tuple[GapFunction, FeatureState, PiecePair])
+"""A feature with its state, and its pair of pieces."""
+
+
+def _keep(kept: list[_Candidate], candidate: _Candidate, apart: float) -> None:
+    """Add a feature; of those within a distance in m, which are at one place, keep that which closes first, or the first.
 
     A second constraint there would only make the contact problem redundant: with the same normal and material points they
     differ by their velocity-dependent terms alone. An edge of a face crosses the other face at a corner of its own, and
     where a corner lies exactly on the edge of a face, it leaves over the edge or stays on the face, as the bodies turn.
     """
-    kept: list[tuple[GapFunction, FeatureState]] = []
-    for feature, state in candidates:
-        at = _place_of(state, [other for _, other in kept], 0.5 * FEATURE_BOUND_M)
-        if at is None:
-            kept.append((feature, state))
-        elif _closes_before(state, kept[at][1]):
-            kept[at] = feature, state
-    return kept
-
-
-def _place_of(state: FeatureState, others: Iterable[FeatureState], apart: float) -> int | None:
-    """Number of the first of some features that is within a distance in m of another one; None: all are farther."""
-    return next((i for i, other in enumerate(others) if math.dist(state.point, other.point) <= apart), None)
-
-
-def _closes_before(state: FeatureState, other: FeatureState) -> bool:
-    """Whether the gap of a feature is less, from the next instant on, than that of another one at the same place."""
+    state = candidate[1]
+    at = next((i for i, other in enumerate(kept) if math.dist(state.point, other[1].point) <= apart), None)
+    if at is None:
+        kept.append(candidate)
+        return
+    other = kept[at][1]
     rounding = ACCELERATION_M_S2 + ACCELERATION * max(state.scale, other.scale)
-    return state.bend < other.bend - rounding
+    if state.bend < other.bend - rounding:  # its gap is less from the next instant on
+        kept[at] = candidate
 
 
 def _most_inside(candidates: list[tuple[GapFunction, FeatureState]]) -> list[GapFunction]:
