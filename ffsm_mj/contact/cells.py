@@ -187,13 +187,12 @@ def chosen_cell(every: Sequence[FloatArray], motions: FloatArray, tolerance: flo
 
     Args:
         every: Cells, the same at all points; without any, no normal is chosen.
-        motions: Velocities of b relative to a at the points, m/s, (3,) or (points, 3).
+        motions: Velocities of b relative to a at the points, m/s, (points, 3).
         tolerance: Approach within this is none, m/s.
         preferred: Of several cells that the motions are in, as those at rest are in all, that with this normal counts.
     """
     if not every or not len(every[0]):
         return np.empty((0, 3))
-    motions = np.atleast_2d(motions)
     free = [cell for cell in every if (motions @ cell.T >= -tolerance).all()]
     if free:
         return min(free, key=lambda cell: float(np.linalg.norm(cell - preferred, axis=1).min()))

@@ -60,8 +60,7 @@ class TwoPieces(ContactPair):
         self.is_curved = a.is_curved or b.is_curved
         super().__init__(system, whole.name, a.geom, b.geom, whole.restitution, whole.mu, rule=whole.rule)
         self.position_tolerance, self.may_tie = 0.0, False
-        kinds = [piece.kind in _ROD_KINDS and piece.part is None for piece in pieces]
-        self._rod = kinds.index(True) if any(kinds) and pieces[1 - kinds.index(True)].polytope is not None else None
+        self._rod = next((k for k in (0, 1) if pieces[k].kind in _ROD_KINDS and pieces[1 - k].polytope is not None), None)
         self._known: tuple[bytes, Proximity] | None = None
 
     def _normal_search(self) -> NormalSearch:

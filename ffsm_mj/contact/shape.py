@@ -274,7 +274,7 @@ class Shape:
         return np.asarray(model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])].astype(np.float64))
 
     def normals_at(self, point: FloatArray, tolerance: float) -> FloatArray | None:
-        """Outward unit normals of the surfaces that meet at a point, world axes, (k, 3).
+        """Outward unit normals of the surfaces of a box, plane or round geom that meet at a point, world axes, (k, 3).
 
         Args:
             point: A point, world axes, m, (3,).
@@ -284,9 +284,7 @@ class Shape:
             Empty if the point is within the geom; None if it is outside by more than the tolerance.
         """
         local, size = (point - self._position) @ self._rotation, self._size
-        if self._part is not None:
-            normals, depths = self._part.polytope.normals, self._part.polytope.offsets - self._part.polytope.normals @ local
-        elif self._kind == _BOX:
+        if self._kind == _BOX:
             normals, depths = np.vstack((np.eye(3), -np.eye(3))), np.concatenate((size - local, size + local))
         elif self._kind in (_SPHERE, _CAPSULE):
             middle = np.array((0.0, 0.0, np.clip(local[2], -size[1], size[1]) if self._kind == _CAPSULE else 0.0))

@@ -20,7 +20,6 @@ PIECES = (
     [((-1.0, -0.5, -0.5), (0.0, 0.02, 0.0)), ((-1.0, 0.02, -0.5), (0.0, 0.5, 0.0))],
     [((-HALF, -HALF, -HALF), (HALF, 0.03, HALF)), ((-HALF, 0.03, -HALF), (HALF, HALF, HALF))],
 )
-STILL = '<option gravity="0 0 0"/>'
 
 
 @dataclass(frozen=True)
