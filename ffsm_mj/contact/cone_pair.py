@@ -496,8 +496,7 @@ class RoundConePair(ConePair):
             self._generators.recall(data, self.slot, point)
 
     def _touches_round(self, model: Any, data: Any, rho: float) -> bool:
-        is_rim = self._contact.name == "rim"
-        return self._is_level(data) or (not is_rim and super()._touches_round(model, data, rho))
+        return self._is_level(data) or (self._contact.name != "rim" and super()._touches_round(model, data, rho))
 
     def _margin(self, model: Any, data: Any, rho: float) -> float:
         """See :func:`~ffsm_mj.contact.features.cone_gaps.curvature_margin`."""
@@ -525,8 +524,8 @@ class RoundConePair(ConePair):
             return _closed([LevelRimOnCone("level rim on cone", not self._on_a, self._cone, point, core)], data)
         if place is not None:
             gap, rho, _, _ = self._seen(data, place)
-            is_alike = not self._is_level(data) and self._margin(model, data, rho) < -0.5 * FEATURE_BOUND_M
-            if abs(gap) <= CONTACT_GAP_M and is_alike:
+            touches = abs(gap) <= CONTACT_GAP_M and not self._is_level(data)
+            if touches and self._margin(model, data, rho) < -0.5 * FEATURE_BOUND_M:
                 message = (
                     f"{self} stay in contact at t = {data.time:.6g} s where the {self._contact.name} is curved as the cone"
                 )

@@ -187,8 +187,8 @@ class Latch:
         if self.closest is None:
             return
         # was_clear() has evaluated the end of the step, unless an event of another model shortened it since.
-        known = self._step_end is not None and self._step_end[0] == self._data.time
-        end = self._step_end[1] if self._step_end is not None and known else self.sites.at(self._data)
+        last = self._step_end
+        end = last[1] if last is not None and last[0] == self._data.time else self.sites.at(self._data)
         rounding, at = self.sites.rounding(), self._along(path)
         # After an event or an arming the start has not been evaluated: the path can go back to it.
         start = at(0.0) if self._step_start is None else self._step_start
