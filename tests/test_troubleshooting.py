@@ -14,7 +14,7 @@ ROOT = Path(__file__).parent.parent
 PAGE = (ROOT / "docs" / "troubleshooting.md").read_text(encoding="utf-8")
 FIRST_CELLS = re.findall(r"^\| (`.*?) \| ", PAGE, flags=re.MULTILINE)
 OUTCOMES = {str(outcome) for outcome in Outcome}
-QUOTED = [code for cell in FIRST_CELLS if "(of pip)" not in cell for code in re.findall(r"`([^`]+)`", cell)]
+QUOTED = [code for cell in FIRST_CELLS if "(of " not in cell for code in re.findall(r"`([^`]+)`", cell)]
 GAP = "\0"
 """Stands for what a message fills in."""
 

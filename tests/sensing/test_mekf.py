@@ -17,6 +17,7 @@ from ffsm_controllers.estimators.mekf.frame_measurement import KINDS, measuremen
 from ffsm_controllers.estimators.mekf.joints import encoder_errors
 from ffsm_controllers.estimators.mekf.layout import Layout, floating_bodies
 from ffsm_controllers.estimators.mekf.propagation import Propagation
+from ffsm_controllers.estimators.readings import RateFilter, Reading
 from ffsm_mj.controller_protocol import Measurement, predict
 from ffsm_mj.errors import ScenarioFaults
 from ffsm_mj.model.composition import compile_system
@@ -154,18 +155,38 @@ def test_a_camera_on_a_joint_with_a_noisy_encoder_is_believed_as_far_as_it_is_go
 
 
 def test_encoders_have_the_noise_of_their_samples_or_that_is_believed():
-    """White noise and rounding of 1e-3 / sqrt(12); joints without an error are left out."""
-    readings = [
-        SimpleNamespace(sensor=name, measures_coordinates=True, dofs=slice(i, i + 1)) for i, name in enumerate("abc")
-    ]
+    """White noise and rounding of 1e-3 / sqrt(12); joints without an error are left out.
+
+    Differences of two samples 0.1 s apart have 200 times their variance; a sensor of rates has its own.
+    """
+    places = [Reading(name, "position", slice(i, i + 1), slice(i, i + 1), ignore) for i, name in enumerate("abc")]
+    for reading in places[:2]:
+        reading.differentiate(0.0, lambda before, after: after - before)
+    readings = [*places, Reading("rate", "twist", slice(2, 2), slice(2, 3), ignore)]
     sensors = {
-        "a": SimpleNamespace(noise=0.0, quantum=1e-3),
-        "b": SimpleNamespace(noise=0.0, quantum=0.0),
-        "c": SimpleNamespace(noise=0.1, quantum=0.0),
+        "a": SimpleNamespace(noise=0.0, quantum=1e-3, interval_s=0.1),
+        "b": SimpleNamespace(noise=0.0, quantum=0.0, interval_s=0.1),
+        "c": SimpleNamespace(noise=0.1, quantum=0.0, interval_s=0.1),
+        "rate": SimpleNamespace(noise=0.3, quantum=0.0, interval_s=0.1),
     }
     errors = encoder_errors(readings, sensors, {"c": 0.2})
     assert errors.dofs == (0, 2)
     assert errors.variances == pytest.approx([1e-6 / 12.0, 0.04])
+    assert errors.rate_variances == pytest.approx([200.0 * 1e-6 / 12.0, 0.09])
+
+
+@pytest.mark.parametrize("filter_s", [0.0, 0.02, 0.2])
+def test_the_gain_of_differences_is_the_sum_of_their_squared_answers_to_one_sample(filter_s):
+    """Variances of independent errors add up; after 300 samples the answer is below 1e-6 of the first."""
+    rates = RateFilter(filter_s, lambda before, after: after - before)
+    for k in range(3):
+        rates.rate(0.01 * k, np.zeros(1))
+    answers = [float(rates.rate(0.03 + 0.01 * k, np.array([1.0 if k == 0 else 0.0]))[0]) for k in range(300)]
+    assert rates.gain(0.01) == pytest.approx(math.fsum(answer**2 for answer in answers), rel=1e-9)
+
+
+def ignore(value, data):
+    """Writes nothing."""
 
 
 def test_the_covariance_moves_as_the_differences_of_predictions(moving_arm):

@@ -61,6 +61,16 @@ class Reading(Stateful):
         """Take the rates from differences of samples; ``rate_of`` gives the change from one coordinate value to another."""
         self._rate = RateFilter(filter_s, rate_of)
 
+    def rate_gain(self, interval_s: float) -> float:
+        """Variance of a rate over that of a sample, 1/s^2; 1 if rates are what it measures, 0 if it says nothing of them.
+
+        Args:
+            interval_s: Interval of its samples.
+        """
+        if self._rate is not None:
+            return self._rate.gain(interval_s)
+        return 0.0 if self.measures_coordinates else 1.0
+
     def is_new(self, sample: Measurement) -> bool:
         """Whether a sample is valid and has not been used."""
         return sample.valid and sample.time_s != self.time_s
@@ -102,9 +112,20 @@ class RateFilter(Stateful):
             return self._value
         passed = time_s - last[0]
         raw = self._change(last[1], value) / passed
-        weight = 1.0 if self._value is None or self._filter_s == 0.0 else 1.0 - math.exp(-passed / self._filter_s)
-        self._value = raw if self._value is None else self._value + weight * (raw - self._value)
+        self._value = raw if self._value is None else self._value + self._weight(passed) * (raw - self._value)
         return self._value
+
+    def gain(self, interval_s: float) -> float:
+        """Variance of the rate over that of the samples, whose errors are independent, 1/s^2.
+
+        With the weight w of the last difference, (n_k - n_k-1) / T, the rate answers to an error of one sample by w / T,
+        then by -w^2 (1 - w)^j / T for j = 0, 1, ...: the squares add up to 2 w^2 / ((2 - w) T^2).
+        """
+        weight = self._weight(interval_s)
+        return 2.0 * (weight / interval_s) ** 2 / (2.0 - weight)
+
+    def _weight(self, passed_s: float) -> float:
+        return 1.0 if self._filter_s == 0.0 else 1.0 - math.exp(-passed_s / self._filter_s)
 
 
 def readings_of(system: System, sensors: Mapping[str, Sensor], rate_filter_s: float) -> list[Reading]:

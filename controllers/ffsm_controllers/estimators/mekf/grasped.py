@@ -19,8 +19,8 @@ class GraspedScene:
     """The system with a grasped object, in which an estimate is predicted while the grasp is closed.
 
     The object is a part of the grasping link: its pose and twist follow from the base and the joints, and so do their
-    errors. With T the derivative of its error by the error state, its part of the covariance is ``T P T^T``, and for
-    position and attitude also the covariance of the errors of encoders.
+    errors. With T the derivative of its error by the error state, its part of the covariance is ``T P T^T``, and the
+    covariance of the errors of joints: of coordinates for position and attitude, of rates for its velocities.
 
     Attributes:
         model: MuJoCo model of this system; its own, as the pose of the object in it changes.
@@ -46,12 +46,9 @@ class GraspedScene:
         self.root = int(self.model.body(grasped.grasp.root).id)
         self.shared = shared_joints(free, grasped)
         dof_in_shared = dict(zip(*(dofs.tolist() for dofs in self.shared.dofs), strict=True))
-        known = [
-            (dof_in_shared[dof], variance)
-            for dof, variance in zip(encoders.dofs, encoders.variances, strict=True)
-            if dof in dof_in_shared
-        ]
-        self._encoder_dofs, self._encoder_variances = [dof for dof, _ in known], np.array([error for _, error in known])
+        known = [k for k, dof in enumerate(encoders.dofs) if dof in dof_in_shared]
+        self._joints = [dof_in_shared[encoders.dofs[k]] for k in known]
+        self._of_coordinates, self._of_rates = encoders.variances[known], encoders.rate_variances[known]
 
     def enter(self, estimate: Estimate) -> Any:
         """Data of this system at an estimate; derived quantities are not updated."""
@@ -77,21 +74,24 @@ class GraspedScene:
         mujoco.mj_comPos(model, data)
         mujoco.mj_comVel(model, data)
         frame = Frame(self.root, np.zeros(3), np.eye(3))
-        motion = frame_motion(model, data, frame, self.carrier, size, self._encoder_dofs)
+        motion = frame_motion(model, data, frame, self.carrier, size, self._joints)
         axes = motion.axes.T
         estimate.data.qpos[self.object.qpos] = np.concatenate((motion.origin, data.xquat[self.root]))
         estimate.data.qvel[self.object.dofs] = np.concatenate((motion.velocity, axes @ motion.turning))
         d_rate = axes @ (motion.d_turning + skew(motion.turning) @ motion.d_axes)
         slope = np.vstack((motion.d_origin, axes @ motion.d_axes, motion.d_velocity, d_rate))
-        slope[6:, size:] = 0.0  # errors of the rates of joints are not known
         self._follow(estimate, self.object, slope)
 
     def _follow(self, estimate: Estimate, body: FloatingBody, slope: FloatArray) -> None:
-        """Let the errors of the object follow, by their derivatives by the error state and by joints, (12, size + n)."""
+        """Let the errors of the object follow, by their derivatives by the error state and by joints, (12, size + n).
+
+        Its velocities move with the rates of joints as its pose with their coordinates.
+        """
         size = estimate.layout.size
-        errors, joints = slope[:, :size], slope[:, size:]
+        errors, joints = slope[:, :size], slope[:6, size:]
         expansion = np.eye(size)
         expansion[body.error] = errors
         covariance = expansion @ estimate.covariance @ expansion.T
-        covariance[body.error, body.error] += (joints * self._encoder_variances) @ joints.T
+        pose, twist = ((joints * variances) @ joints.T for variances in (self._of_coordinates, self._of_rates))
+        covariance[body.error, body.error] += np.block([[pose, np.zeros((6, 6))], [np.zeros((6, 6)), twist]])
         estimate.covariance = symmetric(covariance)

@@ -16,7 +16,7 @@ from ffsm_mj.controller_protocol import FloatArray, Measurement, Sensor
 
 @dataclass(frozen=True)
 class EncoderErrors:
-    """Errors of measured coordinates of joints, which are taken to be independent from sample to sample.
+    """Errors of measured coordinates and rates of joints; those of coordinates are independent from sample to sample.
 
     A place or attitude that is measured across joints is expected where their coordinates put it, so that their errors are
     errors of the expectation: noise of the measurement, with the covariance ``G diag(variances) G^T`` and G the derivative
@@ -25,10 +25,12 @@ class EncoderErrors:
     Attributes:
         dofs: Degrees of freedom of the joints, (n,).
         variances: Variance of each coordinate, rad^2 or m^2; of ball joints of the rotation vector in the axes of the body.
+        rate_variances: Variance of each rate, (rad/s)^2 or (m/s)^2.
     """
 
     dofs: tuple[int, ...]
     variances: FloatArray
+    rate_variances: FloatArray
 
 
 def encoder_errors(
@@ -41,14 +43,17 @@ def encoder_errors(
         sensors: The sensors by name.
         believed: Standard deviations that the configuration states, by name.
     """
-    variances: dict[int, float] = {}
+    coordinates, rates = dict[int, float](), dict[int, float]()
     for reading in readings:
+        sensor = sensors[reading.sensor]
+        dofs = range(reading.dofs.start, reading.dofs.stop)
+        squared = np.broadcast_to(believed.get(reading.sensor, white_noise(sensor)), len(dofs)) ** 2
         if reading.measures_coordinates:
-            deviations = believed.get(reading.sensor, white_noise(sensors[reading.sensor]))
-            dofs = range(reading.dofs.start, reading.dofs.stop)
-            variances |= zip(dofs, (np.broadcast_to(deviations, len(dofs)) ** 2).tolist(), strict=True)
-    uncertain = {dof: variance for dof, variance in variances.items() if variance > 0.0}
-    return EncoderErrors(tuple(uncertain), np.array(tuple(uncertain.values())))
+            coordinates |= zip(dofs, squared.tolist(), strict=True)
+        rates |= zip(dofs, (reading.rate_gain(sensor.interval_s) * squared).tolist(), strict=True)
+    uncertain = tuple(dof for dof in rates if max(coordinates.get(dof, 0.0), rates[dof]) > 0.0)
+    variances = ([variance.get(dof, 0.0) for dof in uncertain] for variance in (coordinates, rates))
+    return EncoderErrors(uncertain, *map(np.array, variances))
 
 
 def white_noise(sensor: Sensor) -> FloatArray:
