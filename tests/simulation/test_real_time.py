@@ -176,10 +176,15 @@ def at(when_s, action):
 
 @pytest.mark.skipif(not background.HAS_FORK, reason="the log is written in the process of the run")
 def test_a_log_whose_process_is_killed_is_readable(tmp_path, monkeypatch, processes):
-    """But for what was on its way: on a machine that has other things to do, up to some tenths of a second."""
+    """But for the rows of at most 0.2 s that the run has not sent yet; what it has sent is given time to be written."""
+
+    def kill():
+        time.sleep(0.5)
+        os.kill(processes[0], signal.SIGKILL)
+
     with monkeypatch.context() as patched:
         flushed_often(patched)
-        at_each_tick(patched, at(0.5, lambda: os.kill(processes[0], signal.SIGKILL)))
+        at_each_tick(patched, at(0.5, kill))
         run = ffsm_mj.run("tap", PACED, out=tmp_path / "run", rerun=False)
     assert run.outcome == "write_failed"
     assert run.message == f"{tmp_path}/run/run.mcap.partial: the process that wrote it is gone"
