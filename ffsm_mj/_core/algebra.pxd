@@ -1,7 +1,15 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True
-# Small dense matrices by rows, in loops: a few rows cost less so than by calls of LAPACK.
+# Vectors of three numbers, and small dense matrices by rows, in loops: a few rows cost less so than by calls of LAPACK.
 
 from libc.math cimport fabs, sqrt
+
+
+cdef inline double dot(const double* a, const double* b) noexcept nogil:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+cdef inline void cross(const double* a, const double* b, double* out) noexcept nogil:
+    out[0], out[1], out[2] = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 cdef inline Py_ssize_t pivots(double* A, Py_ssize_t n, double least, Py_ssize_t* order) noexcept:

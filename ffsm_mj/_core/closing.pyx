@@ -5,6 +5,7 @@ from math import hypot  # rounds better than the square root of a sum
 
 from libc.math cimport atan2, fabs, INFINITY, isinf, NAN
 
+from ffsm_mj._core.algebra cimport cross, dot
 from ffsm_mj._core.functions cimport address, mj, mjData, mjModel, mjOBJ_XBODY
 from ffsm_mj.tolerances import CANCELLED
 
@@ -13,14 +14,6 @@ Norms = tuple[float, float, float, float]
 
 cdef double _CANCELLED = CANCELLED
 cdef double _MARGIN = 1.1  # relative speeds within a step may exceed those at its ends by this factor
-
-
-cdef inline double dot(const double* a, const double* b) noexcept nogil:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-cdef inline void cross(const double* a, const double* b, double* out) noexcept nogil:
-    out[0], out[1], out[2] = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 cdef class RelativeMotion:

@@ -12,6 +12,7 @@ from ffsm_mj.contact.features.gap_function import FeatureState
 
 from libc.math cimport fabs
 
+from ffsm_mj._core.algebra cimport cross, dot
 from ffsm_mj._core.memory cimport numbers, room
 
 
@@ -26,14 +27,6 @@ cdef enum:
     RATE = 17
     BEND = 18
     COLUMNS = 19
-
-cdef inline double dot(const double* a, const double* b) noexcept nogil:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-cdef inline void cross(const double* a, const double* b, double* out) noexcept nogil:
-    out[0], out[1], out[2] = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
 
 cdef inline void minus(const double* a, const double* b, double* out) noexcept nogil:
     out[0], out[1], out[2] = a[0] - b[0], a[1] - b[1], a[2] - b[2]

@@ -5,6 +5,8 @@ import numpy as np
 
 from libc.math cimport INFINITY, sqrt
 
+from ffsm_mj._core.algebra cimport dot
+
 
 cdef class SphereBounds:
     """Gaps of the spheres around the geoms of many pairs, one of which may be a plane."""
@@ -82,10 +84,6 @@ cdef class PiecesOfBody:
             n = &self.normals[i, f, 0]
             greatest = max(greatest, min(dot(n, start), dot(n, end)) - self.offsets[i, f])
         return greatest
-
-
-cdef inline double dot(const double* a, const double* b) noexcept nogil:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 cdef struct Axes:

@@ -9,6 +9,7 @@ from ffsm_mj.dynamics.loops.latch import BoundLatch, LENGTH_M
 from libc.math cimport fabs, sqrt
 from libc.string cimport memcmp, memcpy, memset
 
+from ffsm_mj._core.algebra cimport cross
 from ffsm_mj._core.functions cimport address, mj, mjData, mjModel
 
 
@@ -17,10 +18,6 @@ from ffsm_mj._core.functions cimport address, mj, mjData, mjModel
 cdef double LEAST_PIVOT = 0.25, LARGEST_PIVOT = 4.0
 # Combinations of rows vanish still below this multiple of the share at which the rank was decided.
 cdef double VANISHES = 10.0
-
-
-cdef inline void cross(const double* a, const double* b, double* out) noexcept nogil:
-    out[0], out[1], out[2] = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 cdef inline void turned(const double* matrix, const double* v, double* out) noexcept nogil:

@@ -8,6 +8,7 @@ import numpy as np
 from libc.math cimport cos, fabs, floor, NAN, sin, sqrt
 from libc.string cimport memcpy, memset
 
+from ffsm_mj._core.algebra cimport cross
 from ffsm_mj._core.fields cimport Bodies, CompiledField, FieldForces
 from ffsm_mj._core.tick cimport OnSample
 
@@ -320,10 +321,6 @@ cdef void find_axes(const double* R, const double* V, double oblateness, const d
         out = -2.0 * oblateness * along * (z[0] * pole[0] + z[1] * pole[1] + z[2] * pole[2]) / (square * square * momentum)
         for i in range(3):
             spin[i] += out * x[i]
-
-
-cdef inline void cross(const double* a, const double* b, double* out) noexcept:
-    out[0], out[1], out[2] = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 def lvlh_axes(const double[:, ::1] positions not None, const double[:, ::1] velocities not None, double oblateness, pole):

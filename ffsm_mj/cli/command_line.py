@@ -5,13 +5,22 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from functools import cache
-from ipaddress import ip_address
 from typing import Any, NoReturn
 
+from ffsm_mj.cli.argument_values import (
+    address,
+    at_least_one,
+    frame_rate,
+    instant,
+    outcomes,
+    positive,
+    seconds_or_off,
+    tolerance,
+    whole,
+)
 from ffsm_mj.cli.exit_codes import exit_codes
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.invocation import command
-from ffsm_mj.report import MOST_FRAMES_PER_SECOND
 from ffsm_mj.similar_names import did_you_mean
 
 COMMANDS = {
@@ -31,10 +40,6 @@ COMMANDS = {
     "new-law": "generate a Python package with a control law of your own",
     "completion": "print a shell completion script for commands, options, scenarios and their keys",
 }
-_SUCCESSORS = {"reproduce": ("validate", "seed-paper"), "study": ("campaign",)}
-"""Commands of earlier versions, and what does their work."""
-_NEW_OPTIONS = {"--study": "--campaign"}
-"""Options of earlier versions: what they are now."""
 SHELLS = ("bash", "zsh", "fish")
 _EXPORTS = {
     "csv": "export a table as CSV, with units in the column names",
@@ -98,15 +103,12 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
         InputError: An unknown command or option, an invalid value, or an option that has no effect here.
         HelpRequest: Help was requested.
     """
-    if arguments and arguments[0] in _SUCCESSORS:
-        raise InputError(f"ffsm: unknown command {arguments[0]!r}; use '{command(*_SUCCESSORS[arguments[0]])}'")
     if arguments and not arguments[0].startswith("-") and arguments[0] not in COMMANDS:
         raise InputError(f"ffsm: {unknown_name('command', arguments[0], COMMANDS)}")
     options, extra = parser().parse_known_args(arguments)
     if extra:
         words = [options.command, *([options.action] if "action" in options else [])] if options.command else []
         meant = did_you_mean(extra[0], _option_strings(words)) if extra[0].startswith("-") else ""
-        meant = f", now {_NEW_OPTIONS[extra[0]]!r}" if extra[0] in _NEW_OPTIONS else meant
         help_command = command(*words, "--help")
         raise InputError(f"{' '.join(['ffsm', *words])}: unexpected argument {extra[0]!r}{meant}; see '{help_command}'")
     _refuse_idle(options)
@@ -280,7 +282,7 @@ def _describe_new(new: argparse.ArgumentParser) -> None:
     new.add_argument(
         "--from",
         dest="state",
-        type=_instant,
+        type=instant,
         metavar="RUN@TIME",
         help="a scenario that begins at the state of a run folder at a time in s, in numbers to change or disperse",
     )
@@ -307,14 +309,14 @@ def _describe_new(new: argparse.ArgumentParser) -> None:
     )
     new.add_argument(
         "--wheels",
-        type=_whole,
+        type=whole,
         metavar="N",
         help="a spacecraft with N reaction wheels on the base, 3 (along the axes), 4 (a pyramid) to 12 (on a cone), and a "
         "mission that ends in a capture (default with --thrusters: 4)",
     )
     new.add_argument(
         "--thrusters",
-        type=_whole,
+        type=whole,
         metavar="N",
         help="and with N thrusters: 6, 8, 12, 16 or 24 (default with --wheels: 12)",
     )
@@ -526,8 +528,8 @@ def _describe_campaign(of: argparse.ArgumentParser) -> None:
     _add_overrides(run)
     for name in ("status", "resume", "extend", "report", "rerun"):
         parsers[name].add_argument("folder", metavar="DIR", help="campaign folder")
-    parsers["extend"].add_argument("n", type=_whole, help="new total number of samples; a power of 2 for a Sobol design")
-    parsers["rerun"].add_argument("index", type=_whole, nargs="+", help="indices of the runs, from 0")
+    parsers["extend"].add_argument("n", type=whole, help="new total number of samples; a power of 2 for a Sobol design")
+    parsers["rerun"].add_argument("index", type=whole, nargs="+", help="indices of the runs, from 0")
     parsers["report"].add_argument(
         "--page",
         metavar="FILE",
@@ -536,7 +538,7 @@ def _describe_campaign(of: argparse.ArgumentParser) -> None:
     parsers["rerun"].add_argument("--variant", metavar="NAME", default="", help="variant of the runs")
     parsers["resume"].add_argument(
         "--retry",
-        type=_outcomes,
+        type=outcomes,
         default=(),
         metavar="OUTCOMES",
         help="also repeat runs with these outcomes: error, crashed, timeout; separate several by commas",
@@ -553,86 +555,10 @@ def _add_engine(to: argparse.ArgumentParser) -> None:
     """Add the options of where runs are executed."""
     where = to.add_mutually_exclusive_group()
     where.add_argument(
-        "--workers", type=_positive, metavar="N", help="number of worker processes (default: one per processor)"
+        "--workers", type=at_least_one, metavar="N", help="number of worker processes (default: one per processor)"
     )
     where.add_argument(
         "--dask",
         metavar="ADDRESS",
         help="address of a Dask scheduler, e.g. tcp://host:8786",
     )
-
-
-def _whole(text: str) -> int:
-    """An integer, not negative.
-
-    Raises:
-        ArgumentTypeError: The text is none.
-    """
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"{text} is not an integer")
-    return int(text)
-
-
-def _positive(text: str) -> int:
-    if _whole(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text} is less than 1")
-    return int(text)
-
-
-def _outcomes(text: str) -> tuple[str, ...]:
-    from ffsm_mj.experiments.store import RETRIED  # slow to import
-
-    names = tuple(text.split(","))
-    for name in names:
-        if name not in RETRIED:
-            raise argparse.ArgumentTypeError(f"{name!r} is not one of {', '.join(RETRIED)}")
-    return names
-
-
-def address(text: str) -> str:
-    """An IP address."""
-    try:
-        return str(ip_address(text))
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"{text} is not an IP address, e.g. 192.168.0.5, or 0.0.0.0 for all") from error
-
-
-def tolerance(text: str) -> tuple[str, float]:
-    """Name of a check, empty for all checks, and its tolerance."""
-    name, _, value = text.rpartition("=")
-    return name.replace("_", " ").strip(), positive(value)
-
-
-def seconds_or_off(text: str) -> float:
-    """A positive time in s; 0 for ``off``."""
-    return 0.0 if text == "off" else positive(text)
-
-
-def frame_rate(text: str) -> float:
-    """Frames per second that an animation can have."""
-    if positive(text) > MOST_FRAMES_PER_SECOND:
-        raise argparse.ArgumentTypeError(f"{text} is more than {MOST_FRAMES_PER_SECOND} frames per second")
-    return float(text)
-
-
-def _instant(text: str) -> tuple[str, float]:
-    """Run folder and instant, s, of ``--from RUN@TIME``.
-
-    Raises:
-        ArgumentTypeError: The text is none.
-    """
-    run, _, time_s = text.rpartition("@")
-    if not run:
-        raise argparse.ArgumentTypeError(f"{text} is not RUN@TIME, such as logs/cap@50")
-    return run, positive(time_s)
-
-
-def positive(text: str) -> float:
-    """A positive, finite number."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not 0.0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text} is not a positive number")
-    return value
