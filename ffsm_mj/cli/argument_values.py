@@ -62,7 +62,7 @@ def frame_rate(text: str) -> float:
 def instant(text: str) -> tuple[str, float]:
     """Run folder and instant, s, of ``--from RUN@TIME``."""
     run, _, time_s = text.rpartition("@")
-    if not run:
+    if not (run and time_s):
         raise argparse.ArgumentTypeError(f"{text} is not RUN@TIME, such as logs/cap@50")
     return run, positive(time_s)
 

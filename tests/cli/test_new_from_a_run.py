@@ -100,6 +100,7 @@ def test_what_a_start_cannot_be_is_refused_in_a_line(tmp_path, written):
         ("../orbiting@0.05", "new: --from: 0.05 s: with an orbit a start is at t = 0 of it; 'initial: {from"),
         ("../none@1", "new: --from: ../none is no run folder that can go on: it has no scenario.yaml"),
         ("../grasped", "ffsm new: argument --from: ../grasped is not RUN@TIME, such as logs/cap@50"),
+        ("../grasped@", "ffsm new: argument --from: ../grasped@ is not RUN@TIME, such as logs/cap@50"),
         ("../grasped@0", "ffsm new: argument --from: 0 is not a positive number"),
     ):
         assert written(text, 2).startswith(said)
