@@ -48,7 +48,7 @@ class Unchanging:
     def __init__(self, part: Any, name: str) -> None:
         """Look at a part before its first use; ``name`` is for messages."""
         self._part, self._name = part, name
-        self._before = dict(_contents(part, {id(part)}))
+        self._before = dict(_contents(part, {id(part): part}))
 
     def get_state(self) -> None:
         """Nothing.
@@ -56,7 +56,7 @@ class Unchanging:
         Raises:
             StateError: Something that it holds has changed.
         """
-        now = dict(_contents(self._part, {id(self._part)}))
+        now = dict(_contents(self._part, {id(self._part): self._part}))
         changed = next((name for name in {**self._before, **now} if _differs(self._before.get(name), now.get(name))), None)
         if changed is not None:
             pair, kind = "get_state() and set_state(state)", type(self._part).__qualname__
@@ -115,7 +115,7 @@ def _differs(one: Any, other: Any) -> bool:
     return _OPAQUE in (one, other) or one != other
 
 
-def _contents(part: Any, seen: set[int]) -> Iterator[tuple[str, Any]]:
+def _contents(part: Any, seen: dict[int, Any]) -> Iterator[tuple[str, Any]]:
     """What a part holds, by attribute, in a form that can be compared."""
     slots = (name for kind in type(part).__mro__ for name in (*vars(kind).get("__slots__", ()),))
     for name in dict.fromkeys((*getattr(part, "__dict__", {}), *slots)):
@@ -123,13 +123,18 @@ def _contents(part: Any, seen: set[int]) -> Iterator[tuple[str, Any]]:
             yield name, _form(getattr(part, name), seen)
 
 
-def _form(value: Any, seen: set[int]) -> Any:
-    """A value in a form that can be compared: copies of numbers; the identity of what belongs to the simulation."""
+def _form(value: Any, seen: dict[int, Any]) -> Any:
+    """A value in a form that can be compared: copies of numbers; the identity of what belongs to the simulation.
+
+    Args:
+        value: The value.
+        seen: Values so far by identity, which are kept: another one would have the identity of one that is gone.
+    """
     if isinstance(value, _SINGLE):
         return repr(value)
     if id(value) in seen:
         return ("again", type(value).__qualname__)
-    seen.add(id(value))
+    seen[id(value)] = value
     for kind, inside in _INSIDE:
         if isinstance(value, kind):
             items = dict(_contents(value, seen)) if isinstance(value, (list, dict)) else {}

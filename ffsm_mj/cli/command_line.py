@@ -40,6 +40,10 @@ COMMANDS = {
     "new-law": "generate a Python package with a control law of your own",
     "completion": "print a shell completion script for commands, options, scenarios and their keys",
 }
+_SUCCESSORS = {"reproduce": ("validate", "seed-paper"), "study": ("campaign",)}
+"""Commands of earlier versions, and what does their work."""
+_NEW_OPTIONS = {"--study": "--campaign"}
+"""Options of earlier versions: what they are now."""
 SHELLS = ("bash", "zsh", "fish")
 _EXPORTS = {
     "csv": "export a table as CSV, with units in the column names",
@@ -103,12 +107,15 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
         InputError: An unknown command or option, an invalid value, or an option that has no effect here.
         HelpRequest: Help was requested.
     """
+    if arguments and arguments[0] in _SUCCESSORS:
+        raise InputError(f"ffsm: unknown command {arguments[0]!r}; use '{command(*_SUCCESSORS[arguments[0]])}'")
     if arguments and not arguments[0].startswith("-") and arguments[0] not in COMMANDS:
         raise InputError(f"ffsm: {unknown_name('command', arguments[0], COMMANDS)}")
     options, extra = parser().parse_known_args(arguments)
     if extra:
         words = [options.command, *([options.action] if "action" in options else [])] if options.command else []
         meant = did_you_mean(extra[0], _option_strings(words)) if extra[0].startswith("-") else ""
+        meant = f", now {_NEW_OPTIONS[extra[0]]!r}" if extra[0] in _NEW_OPTIONS else meant
         help_command = command(*words, "--help")
         raise InputError(f"{' '.join(['ffsm', *words])}: unexpected argument {extra[0]!r}{meant}; see '{help_command}'")
     _refuse_idle(options)

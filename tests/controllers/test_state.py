@@ -223,6 +223,17 @@ def test_a_law_around_another_one_does_not_hide_what_that_remembers():
         part.get_state()
 
 
+def test_shapes_of_several_arrays_are_told_apart():
+    """That of one array is a tuple that is gone before the next one is looked at, and may leave it its place in memory."""
+    law = type("Law", (), {})()
+    law.gains, law.last = np.zeros((2, 1)), np.zeros((3, 1))
+    part = with_state(law, "the control law 'law'")
+    part.get_state()
+    law.last = law.last.reshape(1, 3)
+    with pytest.raises(StateError, match="remembers 'last'"):
+        part.get_state()
+
+
 def test_the_documented_law_is_restored(tmp_path):
     """Its annotations are no texts; its integral is that of all ticks."""
     case = craft(tmp_path, {"controller": {"kind": "integral"}}, controllers={"integral": documented(3)["Integral"]})
