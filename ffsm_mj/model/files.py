@@ -464,7 +464,12 @@ def menagerie_file(name: str) -> Path:
         robot_package = package.get(robot)
         _download(package, robot_package)
         return Path(robot_package.xml(entry or robot_package.default_model)).absolute()
-    except (package.MenagerieError, OSError) as error:  # its messages name what is similar
+    except (package.DownloadError, OSError) as error:
+        raise InputError(
+            f"{name}: MuJoCo Menagerie: the download failed ({' '.join(str(error).split())}); repeat it with a connection "
+            "to the network, or give a model file that is there"
+        ) from error
+    except package.MenagerieError as error:  # its messages name what is similar
         raise InputError(f"{name}: MuJoCo Menagerie: {' '.join(str(error).split())}") from error
 
 

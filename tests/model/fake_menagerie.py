@@ -13,6 +13,10 @@ class UnknownRobotError(MenagerieError, LookupError):
     """As the package's own."""
 
 
+class DownloadError(MenagerieError):
+    """As the package's own."""
+
+
 class Robot:
     """A robot whose main file is ``arm.xml``."""
 
@@ -62,7 +66,7 @@ class Cache:
 class Menagerie:
     """A module with one robot, which has the name of its folder."""
 
-    MenagerieError = MenagerieError
+    MenagerieError, DownloadError = MenagerieError, DownloadError
 
     def __init__(self, folder: Path) -> None:
         self._folder, self.downloads, self._robots = folder, 0, set[str]()

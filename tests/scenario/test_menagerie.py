@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import json
 import sys
+from unittest.mock import Mock
+from urllib.error import URLError
 
 import numpy as np
 import pytest
 
 import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
 from ffsm_mj.replay import replay_log
-from tests.model.fake_menagerie import Menagerie
+from tests.model.fake_menagerie import DownloadError, Menagerie
 from tests.scenes import ARM, ball, scene
 
 
@@ -87,3 +90,13 @@ def test_the_package_is_named_where_it_is_missing(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco_menagerie", None)
     with pytest.raises(InputError, match="need the package mujoco-menagerie; install it: "):
         prepare(written(tmp_path, {"menagerie": "otto"}))
+
+
+@pytest.mark.parametrize("error", [URLError("[Errno -3] Temporary failure in name resolution"), DownloadError("HTTP 503")])
+def test_a_download_that_fails_says_what_to_do(tmp_path, shelf, monkeypatch, capsys, error):
+    """As other bad input, by exit code 2."""
+    monkeypatch.setattr(shelf, "get", Mock(side_effect=error))
+    assert main(["new", "mission", "--menagerie", "otto", "--out", str(tmp_path / "new")]) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert said.startswith("otto: MuJoCo Menagerie: the download failed (")
+    assert said.endswith("); repeat it with a connection to the network, or give a model file that is there")
