@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 
@@ -10,7 +9,7 @@ from rich import progress as rich
 from rich.console import Console, RenderableType
 from rich.table import Column
 
-from ffsm_mj.cli.progress import Progress, Report
+from ffsm_mj.cli.progress import Pace, Progress, Report
 from ffsm_mj.errors import one_line
 
 _PATIENCE_S = 0.4
@@ -26,40 +25,20 @@ def _text(template: str) -> rich.TextColumn:
     return rich.TextColumn(template, markup=False, table_column=Column(no_wrap=True, overflow="crop"))
 
 
-class Pace:
-    """Remaining time of a stage that counts, such as the runs of a campaign: its mean rate since its first report.
-
-    Between two reports it counts down, so that it is steady however seldom something is done.
-    """
-
-    def __init__(self) -> None:
-        """Begin without reports."""
-        self._first: tuple[float, float] | None = None
-        self._last = 0.0, 0.0
-
-    def add(self, done: float) -> None:
-        """Note an amount that is done."""
-        now = time.monotonic()
-        self._first = self._first or (done, now)
-        if done != self._last[0]:
-            self._last = done, now
-
-    def left(self, total: float) -> str:
-        """Remaining time; unknown until something was done after the first report."""
-        if self._first is None or self._last[0] <= self._first[0]:
-            return "-:--"
-        (begun, begun_s), (done, done_s) = self._first, self._last
-        left_s = (total - done) * (done_s - begun_s) / (done - begun) - (time.monotonic() - done_s)
-        minutes, seconds = divmod(round(max(left_s, 0.0)), 60)
-        hours, minutes = divmod(minutes, 60)
-        return f"{hours}:{minutes:02}:{seconds:02}" if hours else f"{minutes:02}:{seconds:02}"
-
-
 _NAME, _AMOUNT = "{task.description}", "{task.completed:.{task.fields[digits]}f} of {task.total:g} {task.fields[unit]}"
 _HEAD = (_text(_NAME), rich.BarColumn(), _text(_AMOUNT))
 _SIMULATED = (*_HEAD, rich.TimeRemainingColumn(compact=True), _text("left"))
 _COUNTED = (*_HEAD, _text("{task.fields[left]} left"))
 _UNCOUNTED = (_text(_NAME), rich.BarColumn(), rich.TimeElapsedColumn())
+
+
+def _clock(left_s: float | None) -> str:
+    """A remaining time; unknown: ``-:--``."""
+    if left_s is None:
+        return "-:--"
+    minutes, seconds = divmod(round(left_s), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{seconds:02}" if hours else f"{minutes:02}:{seconds:02}"
 
 
 class ProgressLine(rich.Progress, Progress):
@@ -112,7 +91,7 @@ class ProgressLine(rich.Progress, Progress):
         for task in self.tasks:
             # Once all that was counted is done, the stage may still go on: the bar pulses.
             task.total = None if total is None or done >= total else total
-            left = "" if task.total is None else self._pace.left(task.total)
+            left = "" if task.total is None else _clock(self._pace.left_s(task.total))
             self.update(task.id, completed=done, visible=(task.elapsed or 0.0) >= _PATIENCE_S, left=left)
             of = _SIMULATED if task.fields["unit"] == "s" else _COUNTED
             self.columns = of if task.total is not None else _UNCOUNTED
