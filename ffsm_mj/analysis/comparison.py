@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Any
@@ -11,13 +12,17 @@ import numpy as np
 import numpy.typing as npt
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.log.run_folder import BEFORE
-from ffsm_mj.log.scenario import scenario_data
+from ffsm_mj.errors import InputError
+from ffsm_mj.log.run_folder import BEFORE, SCENARIO
+from ffsm_mj.log.scenario import laws_differ, scenario_data
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.kinds import RecordKind, kinds_of
+from ffsm_mj.records.metadata import logged_start_s
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import TIME
+from ffsm_mj.yaml import YamlFault, plain_value
 
+_ORIGIN = f"{BEFORE}/"
 _TOGETHER = 8
 """Number of signals compared in one pass over two logs."""
 _LATEST_NS = 2.0**63
@@ -79,6 +84,7 @@ class Comparison:
     Attributes:
         scenario: Keys of the resolved scenarios whose values differ, in order: (key, value in a, in b); None: no such key.
         models: Model files that differ, or that only one run has.
+        origins: Sentences on the runs that a and b go on from, where those are not the same.
         impacts: Contacts in order, side by side.
         records: Comparison of each kind of record that either run may have.
         signals: Signals of both runs that differ at some common time, in the order of the log.
@@ -90,6 +96,7 @@ class Comparison:
 
     scenario: tuple[tuple[str, Any, Any], ...]
     models: tuple[str, ...]
+    origins: tuple[str, ...]
     impacts: tuple[ImpactDifference, ...]
     records: tuple[RecordsDifference, ...]
     signals: tuple[SignalDifference, ...]
@@ -102,7 +109,7 @@ class Comparison:
     def same(self) -> bool:
         """Whether scenario, models, records and signals are identical bit for bit."""
         records = all(kind.first is None for kind in self.records)
-        return records and not (self.scenario or self.models or self.signals or self.only_a or self.only_b)
+        return records and not (self.scenario or self.models or self.origins or self.signals or self.only_a or self.only_b)
 
     @property
     def first_s(self) -> float | None:
@@ -116,10 +123,12 @@ def compare_logs(a: RunLog, b: RunLog) -> Comparison:
     (times_a, rows_a), (times_b, rows_b) = map(_times_ns, (a, b))
     _, of_a, of_b = np.intersect1d(times_a, times_b, assume_unique=True, return_indices=True)
     of_a, of_b = rows_a[of_a], rows_b[of_b]
+    files = _different_files(a, b)
     both = [key for key in layouts[0].keys if key in layouts[1].index and key != TIME]
     return Comparison(
         scenario=tuple(changed_leaves(scenario_data(a), scenario_data(b))),
-        models=tuple(sorted(_different_files(a, b))),
+        models=tuple(sorted(name for name in files if not name.startswith(_ORIGIN))),
+        origins=tuple(_origins(a, b)) if any(name.startswith(_ORIGIN) for name in files) else (),
         impacts=tuple(ImpactDifference(x, y) for x, y in zip_longest(a.impacts, b.impacts)),
         records=tuple(_records(a, b)),
         signals=tuple(_signals(a, b, both, (of_a, of_b))),
@@ -172,8 +181,21 @@ def _columns(log: RunLog, keys: list[str], rows: Any) -> FloatArray:
 
 def _different_files(a: RunLog, b: RunLog) -> set[str]:
     files = a.header.files, b.header.files
-    names = {name for name in {*files[0], *files[1]} if files[0].get(name) != files[1].get(name)}
-    return {BEFORE if name.startswith(f"{BEFORE}/") else name for name in names}
+    return {name for name in {*files[0], *files[1]} if files[0].get(name) != files[1].get(name)}
+
+
+def _origins(a: RunLog, b: RunLog) -> Iterator[str]:
+    """Which run goes on from another one, and whether its control law begins anew there."""
+    for which, log in (("first", a), ("second", b)):
+        kept = log.header.files.get(f"{_ORIGIN}{SCENARIO}")
+        if kept is None:
+            continue
+        sentence = f"the {which} run goes on from another one at {logged_start_s(log.header.metadata):g} s"
+        with suppress(YamlFault, UnicodeDecodeError, InputError):  # a log of unknown origin may keep anything
+            before = plain_value(kept.decode())
+            if isinstance(before, Mapping) and laws_differ(before, scenario_data(log)):
+                sentence += ", where phases or task change: the control law of the phase under way begins anew"
+        yield sentence
 
 
 def changed_leaves(a: Any, b: Any, key: str = "") -> Iterator[tuple[str, Any, Any]]:

@@ -25,6 +25,7 @@ from ffsm_mj.assembly.run import Recording
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.log.mcap.reader import stored_states
 from ffsm_mj.log.run_folder import BEFORE, SCENARIO, find_log, holds_log
+from ffsm_mj.log.scenario import laws_differ
 from ffsm_mj.model.mujoco_process import collected_warnings, stopped_clock
 from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.scenario.source import YamlSource
@@ -43,7 +44,6 @@ _KEPT = (
 """Sections of a scenario that cannot change in the midst of a motion, beside the initial state."""
 _MAY_CHANGE = ("environment", "fields")
 """But for this part: where the origin is on its orbit follows from its past, what other fields do does not."""
-_LAWS = ("phases", "task")
 _OF_FILE = ("name", "description", "initial", "log", "duration_s")
 """Keys that never change the parts of the simulation."""
 _FROM, _AT = ("initial", "from"), ("initial", "at_s")
@@ -76,6 +76,12 @@ class Origin:
         """What the run keeps of the other one, contents by name in run folder and log."""
         kept = {SCENARIO: self.before.scenario_yaml.encode(), **self.before.logged_files}
         return {f"{BEFORE}/{name}": content for name, content in kept.items()}
+
+    @property
+    def notes(self) -> list[str]:
+        """What begins anew there, one line each."""
+        anew = "the control law of the phase under way begins anew"
+        return [f"phases or task are not those of {self.folder}: {anew} at {self.at_s:g} s"] if self.new_laws else []
 
     def start(self) -> Start:
         """State at which the run begins; the other run is made again at the first call.
@@ -227,8 +233,7 @@ def refuse_changes(origin: Origin, after: CompiledScenario) -> None:
             raise ScenarioFaults(faults)
         changed_keys = [key for key in new if key not in _OF_FILE and old.get(key) != new[key]]
         origin.replaced = _replaced_laws(before, after, changed_keys)
-    same_laws = all(old.get(key) == new.get(key) for key in _LAWS)
-    origin.new_laws = not same_laws or before.recorded.contents != after.recorded.contents
+    origin.new_laws = laws_differ(old, new) or before.recorded.contents != after.recorded.contents
 
 
 def _cannot_change(origin: Origin) -> str:

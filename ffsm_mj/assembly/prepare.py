@@ -464,13 +464,16 @@ class PreparedRun(CompiledScenario):
         """What a user should know about the scenario before it runs, one line each."""
         from ffsm_mj.assembly.notes import notes
 
-        return self._looked_at(notes)
+        return [*self._looked_at(notes), *self._origin_notes()]
 
     def describe(self) -> list[str]:
         """Lines of text that describe the run, with notes."""
         from ffsm_mj.assembly.notes import describe
 
-        return self._looked_at(describe)
+        return [*self._looked_at(describe), *(f"note: {note}" for note in self._origin_notes())]
+
+    def _origin_notes(self) -> list[str]:
+        return self.origin.notes if self.origin is not None else []
 
     def instabilities(self) -> list[str]:
         """Notes on phases whose control laws have unstable damping gains, one line each."""

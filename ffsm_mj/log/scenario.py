@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import replace
 from typing import Any
@@ -88,6 +89,11 @@ class LoggedScenario(_Part):
     def kinds(self) -> dict[str, str]:
         """Kind of each actuator with limits, by its name in the scenario."""
         return {name: actuator.kind for name, actuator in (self.actuators or {}).items()}
+
+
+def laws_differ(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+    """Whether two scenarios, as plain data, differ in what control laws follow: phases or task."""
+    return any(one.get(key) != other.get(key) for key in ("phases", "task"))
 
 
 def scenario_data(log: RunLog, place: str = THE_LOG) -> dict[str, Any]:

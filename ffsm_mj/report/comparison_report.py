@@ -34,6 +34,7 @@ def comparison_report(labels: tuple[str, str], comparison: Comparison) -> str:
 def _scenario_lines(comparison: Comparison) -> str:
     lines = [f"  {one_line(f'{key}: {_brief(a)} -> {_brief(b)}')}" for key, a, b in comparison.scenario]
     lines += [f"  model {one_line(name)} differs" for name in comparison.models]
+    lines += [f"  {sentence}" for sentence in comparison.origins]
     return "\n".join(["scenario:", *lines]) if lines else "scenario and models are identical"
 
 

@@ -7,7 +7,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
-from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.assembly.prepare import prepare, prepare_from
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
 from ffsm_mj.experiments.planning import load_campaign
@@ -86,6 +86,28 @@ def test_a_changed_law_begins_there(logged):
     same, softer = (ffsm_mj.resume(logged, 0.4, given) for given in ({}, {"phases.1.controller.kp": [10.0]}))
     assert np.array_equal(same.qpos[0], softer.qpos[0])
     assert not np.array_equal(same.qpos[-1], softer.qpos[-1])
+
+
+def test_a_gain_of_a_later_phase_begins_the_law_anew_and_says_so(logged, tmp_path, capsys):
+    """Before the run, where it is described, and in a comparison, which names what the second run goes on from."""
+    later = "phases.rest.controller.kp=[10.0]"
+    for given, notes in ([], 0), ([later], 1):
+        prepared = prepare_from(logged, 0.2, given)
+        said = f"phases or task are not those of {logged}: the control law of the phase under way begins anew at 0.2 s"
+        assert prepared.notes().count(said) == notes
+        assert prepared.describe().count(f"note: {said}") == notes
+    runs = [str(tmp_path / name) for name in ("same", "softer")]
+    assert main(["run", str(logged), "--from", "0.2", "--out", runs[0], "--no-rerun"]) == 0
+    assert main(["run", str(logged), "--from", "0.2", "-s", later, "--out", runs[1], "--no-rerun"]) == 0
+    assert "begins anew at 0.2 s" in " ".join(capsys.readouterr().out.split())
+    law = ", where phases or task change: the control law of the phase under way begins anew"
+    for run, anew in ((runs[0], ""), (runs[1], law)):
+        assert main(["analyze", str(logged), run, "--compare"]) == 0
+        said = capsys.readouterr().out.splitlines()
+        assert f"  the second run goes on from another one at 0.2 s{anew}" in said
+        assert not any("before" in line and "differs" in line for line in said)
+    assert main(["analyze", *runs, "--compare"]) == 0
+    assert "goes on from" not in capsys.readouterr().out  # both go on from the same instant of the same run
 
 
 PATH = {"kind": "joint_path", "joints": ["stroke"], "bandwidth_Hz": 1.0, "waypoints": [{"at_s": 0.2, "positions": [0.1]}]}
