@@ -20,6 +20,7 @@ from ffsm_mj.errors import InputError, LogError, unknown_name
 from ffsm_mj.log.mcap.reader import KEPT_BYTES, read_log
 from ffsm_mj.log.run_folder import find_log
 from ffsm_mj.log.scenario import compile_log
+from ffsm_mj.model.system import System
 from ffsm_mj.records.events import ImpactRecord, PhaseRecord, UnhandledContactRecord
 from ffsm_mj.records.metadata import is_conservative, why_not_conservative
 from ffsm_mj.records.run_log import RunLog
@@ -66,6 +67,14 @@ class ModelResults:
         return self._checks.all_checks(digest.check_accumulator, tolerance)
 
     @cached_property
+    def system(self) -> System | None:
+        """Its compiled models; None if the log has none, or they no longer compile."""
+        try:
+            return self._compiled()[0] if self._compiled is not None else compile_log(self._log)
+        except (InputError, KeyError):
+            return None
+
+    @cached_property
     def effort(self) -> dict[str, Any]:
         """``effort``, ``base_rotation`` and ``angular_momentum`` of ``summary.json``.
 
@@ -73,11 +82,14 @@ class ModelResults:
         """
         if self._accumulated is not None:
             return self._accumulated.summary()
+        missing: dict[str, Any] = {"effort": None, "base_rotation": None, "angular_momentum": None}
+        if self.system is None:
+            return missing
+        computed = Effort(self.system)
         try:
-            computed = Effort(self._compiled()[0] if self._compiled is not None else compile_log(self._log))
             computed.open(self._log.header)
-        except (InputError, KeyError):  # models that no longer compile, or a part of the columns
-            return {"effort": None, "base_rotation": None, "angular_momentum": None}
+        except (InputError, KeyError):  # a part of the columns
+            return missing
         for block in self._log.blocks():
             computed.rows(block)
         for event in self._log.events:

@@ -13,6 +13,7 @@ from ffsm_mj.analysis.summary import truncation_data
 from ffsm_mj.errors import one_line, plural
 from ffsm_mj.log.run_folder import SUMMARY
 from ffsm_mj.report.check_report import check_table, no_verdict, truncation_lines, verdict
+from ffsm_mj.report.impact_velocities import velocity_table
 from ffsm_mj.report.momentum_report import momentum_table
 from ffsm_mj.report.record_tables import MOST_ROWS, export_command, impact_table
 from ffsm_mj.report.run_report import details, headline
@@ -42,7 +43,8 @@ def verification(run: Run, again: ReplayResult, explained: ExplainedChecks, tole
         impacts += " in the readable part"
     elif len(run.impacts) > MOST_ROWS:
         impacts += f"\n  every impact: {export_command(run, 'impacts')}"
-    parts = [headline(run) + (" - DAMAGED LOG, see the end" if damage else ""), impacts, *details(run), momentum_table(run)]
+    parts = [headline(run) + (" - DAMAGED LOG, see the end" if damage else ""), impacts, velocity_table(run)]
+    parts += [*details(run), momentum_table(run)]
     checks = explained.checks
     if run.conservative or checks:
         parts.append(check_table(checks))

@@ -14,6 +14,7 @@ from ffsm_mj.experiments.metrics import metric_values
 from ffsm_mj.replay import replay_log
 from ffsm_mj.report import momentum_report, terminal
 from ffsm_mj.report.check_report import step_hint
+from ffsm_mj.report.impact_velocities import velocity_table
 from ffsm_mj.report.record_tables import impact_table
 from ffsm_mj.report.run_report import MOST_LINES, run_report
 from ffsm_mj.report.verification_report import check_table, verification
@@ -66,6 +67,25 @@ def test_run_analyze_and_a_representation_count_checks_alike_or_say_what_is_more
         assert said.endswith("; one more by replay (ffsm analyze): contact complementarity") == forces
         assert f"all {count + forces} checks pass over" in analyzed
         assert f"all {len(run.checks())} checks of rows and records pass; worst: " in repr(run)
+
+
+def test_velocities_of_bodies_before_and_after_an_impact(hit, tmp_path):
+    """v+ of an elastic impact of 2 kg at 1 m/s on 3 kg at rest: -1/5 and 4/5 m/s; of a series the first and the largest."""
+    lines = velocity_table(hit).splitlines()[2:]
+    assert [line.split() for line in lines] == [
+        ["1", "robot/ball", "before", "1.000000", *["0.000000"] * 5],
+        ["after", "-0.200000", *["0.000000"] * 5],
+        ["1", "target/target", "before", *["0.000000"] * 6],
+        ["after", "0.800000", *["0.000000"] * 5],
+    ]
+    (record,) = hit.impacts
+    series = [replace(record, event=i, impulse_N_s=2.0 if i == 7 else 1.0) for i in range(30)]
+    shown = velocity_table(changed(hit, impacts=tuple(series))).splitlines()[2:]
+    assert [line.split()[0] for line in shown if "before" in line] == ["1", "1", "8", "8"]
+    still = scene(tmp_path, ball("ball", mass=1.0, joints="x"), {}, duration_s=0.01)
+    assert velocity_table(ffsm_mj.run(still)) == ""  # no impact
+    for wrong in ({"qpos": record.qpos[:1]}, {"qvel_before": {}}, {"geoms": ("none", "target/target")}):
+        assert velocity_table(changed(hit, impacts=(replace(record, **wrong),))) == ""
 
 
 def test_checks_that_fail_come_first_and_notes_below_them(hit):
