@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ffsm_mj.analysis.intervals import ContactIntervals, GraspIntervals
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.log.recorder import Sink
-from ffsm_mj.records.events import Event
+from ffsm_mj.records.events import OutcomeRecord
+from ffsm_mj.records.kinds import kind_of
 from ffsm_mj.records.metadata import LoggedTask, logged_task
 from ffsm_mj.records.run_log import RunHeader, RunLog
 from ffsm_mj.records.signals import TIP_RATE, Layout
@@ -83,11 +85,16 @@ class Digest(Sink):
         if self.tip is not None:
             self.tip.rows(block, self._layout)
 
-    def event(self, event: Event) -> None:
-        """Process records of impacts, contacts and grasps; all other events are few and kept in the log."""
-        self.kept.event(event)
+    def event(self, event: Any) -> None:
+        """Process records of impacts, contacts and grasps, before the rows after them; all other events are in the log."""
+        if kind_of(event).series == "impact":
+            self.kept.expect((event.time_s,))
         self.contacts.event(event)
         self.grasps.event(event)
+
+    def close(self, _: OutcomeRecord | None) -> None:
+        """Process impacts after the last row."""
+        self.kept.finish()
 
 
 def digest(log: RunLog) -> Digest:
@@ -95,10 +102,8 @@ def digest(log: RunLog) -> Digest:
     content = Digest()
     content.open(log.header)
     for event in log.events:
-        content.contacts.event(event)
-        content.grasps.event(event)
-    content.kept.expect(record.time_s for record in log.impact_records)
+        content.event(event)
     for block in log.blocks():
         content.rows(block)
-    content.kept.finish()
+    content.close(log.outcome)
     return content

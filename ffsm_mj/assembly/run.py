@@ -27,7 +27,7 @@ from ffsm_mj.errors import LogWriteError
 from ffsm_mj.log.background import BackgroundSink
 from ffsm_mj.log.mcap.reader import stored_rows
 from ffsm_mj.log.mcap.sink import McapSink
-from ffsm_mj.log.recorder import RECORDED_ROWS, MemorySink, Recorder, Sink
+from ffsm_mj.log.recorder import RECORDED_ROWS, Batches, MemorySink, Recorder, Sink
 from ffsm_mj.log.rerun.viewer import LiveSink, rust_log
 from ffsm_mj.log.run_folder import RECORDING, RunFolder
 from ffsm_mj.model.mujoco_process import stopped_clock
@@ -105,7 +105,9 @@ class Recording:
         self._memory, self._stack = MemorySink(keep_rows=folder is None, columns=columns, complete=postponed), ExitStack()
         self._digest = Digest() if not self._paced else None
         self._effort = Effort(system) if not self._paced else None
-        sinks: list[Sink] = [sink for sink in (tap, self._memory, self._digest, self._effort) if sink is not None]
+        sinks: list[Sink] = [self._memory] if tap is None else [tap, self._memory]
+        if self._digest is not None and self._effort is not None:
+            sinks.append(Batches([self._digest, self._effort]))
         outside = self._outside(system, config, live, with_rerun=with_rerun)
         if outside and postponed is not None:
             outside = [BackgroundSink(outside, folder, postponed, rows.block.shape[1])]

@@ -148,6 +148,45 @@ def close_all(sinks: Iterable[Sink], outcome: OutcomeRecord | None) -> list[Exce
     return failures
 
 
+class Batches(Sink):
+    """Passes rows on in full blocks, and each event at once: for sinks that sum over rows at a cost per block.
+
+    These have to take an event before the rows that precede it.
+    """
+
+    def __init__(self, sinks: Sequence[Sink]) -> None:
+        """Start without rows."""
+        self._sinks, self._waiting = tuple(sinks), list[FloatArray]()
+
+    def open(self, header: RunHeader) -> None:
+        """Open every sink."""
+        for sink in self._sinks:
+            sink.open(header)
+
+    def rows(self, block: FloatArray) -> None:
+        """Keep a copy of a block, and pass on what fills one."""
+        self._waiting.append(block.copy())
+        if sum(map(len, self._waiting)) >= RECORDED_ROWS:
+            self._pass_on()
+
+    def event(self, event: Event) -> None:
+        """Pass on an event."""
+        for sink in self._sinks:
+            sink.event(event)
+
+    def close(self, outcome: OutcomeRecord | None) -> None:
+        """Pass on the rest."""
+        if self._waiting:
+            self._pass_on()
+        for sink in self._sinks:
+            sink.close(outcome)
+
+    def _pass_on(self) -> None:
+        block, self._waiting = np.concatenate(self._waiting), []
+        for sink in self._sinks:
+            sink.rows(block)
+
+
 @dataclass
 class MemorySink(Sink):
     """Keeps all events, and optionally the rows.

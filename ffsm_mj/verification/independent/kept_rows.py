@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -91,13 +91,8 @@ class KeptRows:
         self._prune_at = MOST
 
     def expect(self, times: Iterable[float]) -> None:
-        """Give the times of all impacts before the rows, where they are known; otherwise see :meth:`event`."""
+        """Give the times of impacts before the rows that follow them."""
         self._expected.extend(sorted(times))
-
-    def event(self, record: Any) -> None:
-        """Process an event after all rows that precede it: of an impact, the row before it is kept."""
-        if hasattr(record, "restitution_used"):
-            self._meet(float(record.time_s))
 
     def finish(self) -> None:
         """Process impacts after the last row."""
