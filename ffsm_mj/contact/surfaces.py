@@ -62,13 +62,11 @@ class Meeting:
         point: The point, world axes, (3,), m.
         cells: Sets of normals that a contact may have there, (k, 3) each; see :mod:`ffsm_mj.contact.cells`.
         clauses: Separating normals of each two pieces there; empty if the two that touch have the normal by themselves.
-        motion: Velocity of b relative to a, (3,), m/s; it matters only where there are clauses.
     """
 
     point: FloatArray
     cells: Sequence[FloatArray]
     clauses: Mapping[tuple[Piece, Piece], FloatArray] = field(default_factory=dict)
-    motion: FloatArray = field(default_factory=lambda: np.zeros(3))
 
     def chooses_with(self, other: Meeting) -> bool:
         """Whether both are of one edge on an edge, or the same: all points of it must have a normal along which they part.

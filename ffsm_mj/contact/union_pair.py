@@ -85,6 +85,7 @@ class PiecePair(TwoPieces):
     def __init__(self, system: System, union: UnionPair, a: Piece, b: Piece) -> None:
         """Resolve two pieces; see :class:`ContactPair`."""
         self.union, self.number = union, union.number_of(a, b)
+        self._met: tuple[FloatArray, list[Meeting | None]] | None = None
         super().__init__(system, union, union.sides, (a, b), lambda: union.probe)
 
     @property
@@ -96,6 +97,13 @@ class PiecePair(TwoPieces):
         """Gap, normal, points and rates: those of the unions where both pieces touch."""
         alone = self.alone(model, data)
         return self.union.at_pieces(model, data, self, alone) if abs(alone.gap) <= CONTACT_GAP_M else alone
+
+    def meetings(self, model: Any, data: Any, near: Proximity) -> list[Meeting | None]:
+        """What meets at each point of the proximity of these two alone; None where that is no contact of these."""
+        # The pose of both bodies decides, and with it the points: while they are the same array, it has not changed.
+        if self._met is None or self._met[0] is not near.points:
+            self._met = near.points, [self.union.meeting(model, data, self, near, point) for point in near.points]
+        return self._met[1]
 
     def watched_proximity(self, model: Any, data: Any) -> Proximity:
         """The same without what contact points watch; see :attr:`UnionPair.level`."""
@@ -407,11 +415,11 @@ class UnionPair(ContactPair):
         met = [
             (pair, near, meeting)
             for pair, near in touching
-            for point in near.points
-            if (meeting := pair.union._meeting(model, data, pair, near, point)) is not None
+            for meeting in pair.meetings(model, data, near)
+            if meeting is not None
         ]
         for pair, near, meeting in met:
-            normals = meeting.cells[0] if len(meeting.cells) == 1 else self._chosen_together(meeting, met, near)
+            normals = meeting.cells[0] if len(meeting.cells) == 1 else self._chosen_together(data, meeting, met, near)
             for normal in normals:
                 if (owner := pair.union._owner_along(pair, meeting, normal)) is None:
                     continue
@@ -424,10 +432,11 @@ class UnionPair(ContactPair):
         patches = (self._patch(model, data, group) for group in groups)
         return tuple(patch for patch in patches if patch is not None)
 
-    @staticmethod
-    def _chosen_together(meeting: Meeting, met: Iterable[tuple[Any, Any, Meeting]], near: Proximity) -> FloatArray:
+    def _chosen_together(
+        self, data: Any, meeting: Meeting, met: Iterable[tuple[Any, Any, Meeting]], near: Proximity
+    ) -> FloatArray:
         """Normals of the cell in which the motion is at all points of an edge on an edge, or of the nearest one, (k, 3)."""
-        motions = np.array([other.motion for _, _, other in met if meeting.chooses_with(other)])
+        motions = np.array([self._moves(data, other.point) for _, _, other in met if meeting.chooses_with(other)])
         return chosen_cell(meeting.cells, motions, near.rate_tolerance, near.normal)
 
     def _patch(self, model: Any, data: Any, group: PointGroup[PiecePair]) -> UnionProximity | None:
@@ -461,7 +470,7 @@ class UnionPair(ContactPair):
         patch = " ".join(map("{:g}".format, turned.tolist()))
         return UnionProximity(gap, normal, points, rates, tolerance, rounding, patch, pieces, owners, len(corners))
 
-    def _meeting(self, model: Any, data: Any, pair: PiecePair, near: Proximity, point: FloatArray) -> Meeting | None:
+    def meeting(self, model: Any, data: Any, pair: PiecePair, near: Proximity, point: FloatArray) -> Meeting | None:
         """What meets at a point where two pieces touch; None if that is no contact of these."""
         if pair.is_curved and self._is_covered(pair, data, near.normal):
             return None  # the next cylinder has the contact
@@ -478,7 +487,7 @@ class UnionPair(ContactPair):
         if not parting and len(clauses) == 1:
             # Two pieces alone: a point is known to the distance at which two are one, and may be beyond that of an edge.
             return Meeting(point, [near.normal[None]])
-        return Meeting(point, cells(parting), clauses, self._moves(data, point))
+        return Meeting(point, cells(parting), clauses)
 
     def _owner_along(self, pair: PiecePair, meeting: Meeting, normal: FloatArray) -> PiecePair | None:
         """The pair of pieces that has a normal of a meeting of two pieces; None: those of another rule have it."""
