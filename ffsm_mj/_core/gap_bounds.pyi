@@ -27,3 +27,16 @@ class PieceBounds:
     def within(
         self, among: npt.NDArray[np.uint8], pairs: IntArray | None, data: Any, reach: float, without: int
     ) -> list[tuple[float, int]]: ...
+
+class Instant:
+    time: float
+    def __init__(self, data: Any) -> None: ...
+
+def stay_apart(
+    pieces: tuple[PiecesOfBody, PiecesOfBody],
+    numbers: tuple[int, int],
+    roots: tuple[int, int],
+    before: Instant,
+    after: Instant,
+    least: float,
+) -> bool: ...

@@ -13,6 +13,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from ffsm_mj._core.gap_bounds import Instant, stay_apart
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.near_pieces import face_normal, local_gap
 from ffsm_mj.contact.normal import ContactNormal, HalfSpaceNormal, NormalSearch, separation
@@ -76,6 +77,12 @@ class TwoPieces(ContactPair):
         """Shapes of a and b at the state in ``data``."""
         (a, b), (one, other) = self.ids, self.parts
         return Shape(model, data, a, one), Shape(model, data, b, other)
+
+    def stays_apart(self, before: Instant, after: Instant) -> bool:
+        """Whether they certainly do not touch from the start of a step to its end, given the states there."""
+        (a, b), roots = self._sides, (self._root1, self._root2)
+        numbers = self.pieces[0].number, self.pieces[1].number
+        return stay_apart((a.bounding, b.bounding), numbers, roots, before, after, DISTANCE_QUERY_M)
 
     def alone(self, model: Any, data: Any) -> Proximity:
         """Gap, normal, points and rates of these two pieces as if there were no others."""

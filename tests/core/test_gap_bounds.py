@@ -1,4 +1,7 @@
-"""Lower bounds on gaps: below those of MuJoCo's queries, equal to them over a face, and of all pairs within a reach."""
+"""Lower bounds on gaps: below those of MuJoCo's queries, equal to them over a face, and of all pairs within a reach.
+
+Two pieces that heights part throughout a step are apart at every time of it; those that pass each other are not parted.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from ffsm_mj._core.gap_bounds import PieceBounds, PiecesOfBody, SphereBounds
+from ffsm_mj._core.gap_bounds import Instant, PieceBounds, PiecesOfBody, SphereBounds, stay_apart
 
 BOXES, HALF = 5, np.array((0.1, 0.15, 0.2))
 NORMALS = np.vstack((np.eye(3), -np.eye(3)))
@@ -84,3 +87,76 @@ def test_spheres_and_planes(rng):
         mujoco.mj_forward(model, data)
         gaps = [mujoco.mj_geomDistance(model, data, *pair, 10.0, None) for pair in ((0, 1), (0, 1), (1, 2))]
         np.testing.assert_allclose(bounds.gaps(data), gaps, rtol=0, atol=1e-9)
+
+
+ROD = np.array(((0.0, 0.0, -0.2), (0.0, 0.0, 0.2)))
+
+
+@pytest.fixture
+def rod_and_box():
+    """A box and a capsule, each on a free body whose centre of mass is beside it."""
+    model = mujoco.MjModel.from_xml_string(f"""<mujoco><option gravity="0 0 0"/><worldbody>
+      <body><freejoint/><geom type="box" size="{" ".join(map(str, HALF))}"/><geom pos="0.4 0 0.1" size="0.02"/></body>
+      <body><freejoint/><geom type="capsule" size="0.1 0.2"/><geom pos="0 0.3 0" size="0.02"/></body>
+      </worldbody></mujoco>""")
+    box = PiecesOfBody(
+        1,
+        np.zeros((1, 3)),
+        np.array([np.linalg.norm(HALF)]),
+        np.zeros((1, 2, 3)),
+        np.array([np.linalg.norm(HALF)]),
+        NORMALS[None],
+        np.tile(HALF, 2)[None],
+    )
+    rod = PiecesOfBody(
+        2, np.zeros((1, 3)), np.array([0.3]), ROD[None], np.array([0.1]), np.zeros((1, 1, 3)), np.full((1, 1), np.inf)
+    )
+    return model, mujoco.MjData(model), (box, rod)
+
+
+def path(model, data, step_s, parts=20):
+    """States of a free motion from that in ``data``, in small steps, with the gap of the rod and the box at each."""
+    model.opt.timestep = step_s / parts
+    states, gaps = [], []
+    for _ in range(parts + 1):
+        mujoco.mj_forward(model, data)
+        states.append(Instant(data))
+        gaps.append(mujoco.mj_geomDistance(model, data, 0, 2, 10.0, None))
+        mujoco.mj_step(model, data)
+    return states, gaps
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_what_faces_part_from_the_start_of_a_step_to_its_end_is_apart_all_the_time(rod_and_box, rng, turned):
+    """Free bodies that turn by half a radian in a step and come near: no contact in between is left out."""
+    model, data, pieces = rod_and_box
+    order, numbers, roots = (pieces[::-1], (0, 0), (2, 1)) if turned else (pieces, (0, 0), (1, 2))
+    parted = passed = near = 0
+    for _ in range(1000):
+        data.qpos[:] = np.concatenate((np.zeros(3), rng.normal(size=4), rng.normal(0.0, 0.25, 3), rng.normal(size=4)))
+        data.qvel[:] = rng.normal(0.0, 1.0, 12) * np.repeat((1.0, 3.0, 1.0, 3.0), 3)
+        states, gaps = path(model, data, 0.1)
+        excluded = stay_apart(order, numbers, roots, states[0], states[-1], 1e-7)
+        assert not (excluded and min(gaps) < 1e-7)
+        parted += excluded
+        passed += min(gaps[0], gaps[-1]) > 1e-3 and min(gaps) < 0.0
+        near += excluded and min(gaps) < 0.05
+    assert parted > 150
+    assert passed > 10
+    assert near > 10
+
+
+def test_two_faces_that_slide_along_each_other_are_parted_by_next_to_nothing(rod_and_box):
+    """A rod 1e-6 m over a face: parted at rest, not at 1 m/s along it, but again where it leaves faster than the margin."""
+    model, data, pieces = rod_and_box
+
+    def excluded(gap, rates):
+        data.qpos[:] = (0, 0, 0, 1, 0, 0, 0, HALF[0] + 0.1 + gap, 0, 0, 1, 0, 0, 0)
+        data.qvel[:] = (*np.zeros(6), *rates, 0, 0, 0)
+        states, _ = path(model, data, 0.01)
+        return stay_apart(pieces, (0, 0), (1, 2), states[0], states[-1], 1e-7)
+
+    assert excluded(1e-6, (0.0, 0.0, 0.0))
+    assert not excluded(1e-6, (0.0, 1.0, 0.0))
+    assert excluded(1e-6, (0.2, 1.0, 0.0))
+    assert not excluded(0.9e-7, (0.2, 1.0, 0.0))

@@ -30,6 +30,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
+from ffsm_mj._core.gap_bounds import Instant
 from ffsm_mj._core.steppers import BOUND_MARGIN
 from ffsm_mj._core.travel import Travel
 from ffsm_mj.arrays import BoolArray, FloatArray
@@ -38,6 +39,7 @@ from ffsm_mj.contact.joint_limit import JointLimit, LimitCoordinates
 from ffsm_mj.contact.motion_bound import TravelBound, speeds_per_root_energy
 from ffsm_mj.contact.normal import DISTANCE_LIMIT_M
 from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint, by_kind
+from ffsm_mj.contact.piece_pair import TwoPieces
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.columns import DeepestOverlap
 from ffsm_mj.contact_models.impact.first_touch import first_touch
@@ -283,11 +285,19 @@ _MAX_EVALUATIONS = 2_000
 
 @dataclass(frozen=True)
 class _Sample:
-    """The suspects at one time since the start of the step: distances in m and closing speed bounds in m/s."""
+    """The suspects at one time since the start of the step: distances in m, closing speed bounds in m/s, and the state."""
 
     time: float
     gaps: tuple[float, ...]
     bounds: tuple[float, ...]
+    instant: Instant | None
+
+
+def _may_touch(pair: UnilateralConstraint, before: Instant | None, after: Instant | None) -> bool:
+    """Whether a pair may touch between two states of a step, if both are known: a face parts most pieces all the time."""
+    if before is None or after is None or not isinstance(pair, TwoPieces):
+        return True
+    return not pair.stays_apart(before, after)
 
 
 def _never(_: UnilateralConstraint) -> bool:
@@ -334,6 +344,8 @@ class Detector(EventSource, Replayable):
         for i, pair in enumerate(geoms):
             if pair.has_pieces:
                 pair.on_left = partial(self._follow_pieces, i)
+        self._has_pieces = any(pair.has_pieces for pair in geoms)
+        self._ends: tuple[Instant | None, Instant | None] = (None, None)
         self._suspects: tuple[UnilateralConstraint, ...] = ()
         # Evaluations of this step by pair and time; those at its end are kept as the start of the next step.
         self._evaluated: dict[tuple[UnilateralConstraint, float], Proximity] = {}
@@ -351,6 +363,17 @@ class Detector(EventSource, Replayable):
         for clearances in (self._clearances, self._limits):
             clearances.restart(self.motion, self._is_skipped)
         self._bound_events()
+        self._note_instant()
+
+    def _instant(self) -> Instant | None:
+        """The state in ``data``, for pairs of pieces; None: there are none."""
+        return Instant(self._data) if self._has_pieces else None
+
+    def _note_instant(self) -> None:
+        """Note the state at the end of a step, at which the next one may start."""
+        (before, last), now = self._ends, self._instant()
+        is_same = last is not None and now is not None and last.time == now.time
+        self._ends = before if is_same else last, now
 
     def _bound_events(self) -> None:
         self.bound_within = self._limits.energy_reach
@@ -371,10 +394,15 @@ class Detector(EventSource, Replayable):
         # Bounds on the motion are cheap and certain: only pairs that they do not clear are followed along the path.
         suspects = (*self._clearances.after_step().tolist(), *self._limits.after_step().tolist())
         # Of unions those pieces that may have touched in the last step: each pair of them is followed by itself.
+        self._note_instant()
+        before, now = self._ends
+        if before is not None and before.time != self.motion.path.start[0]:
+            before = None  # of an earlier step: this one started where nothing was asked
         self._suspects = tuple(
             one
             for i in suspects
             for one in self.pairs[i].apart_within(self._model, self._data, self._clearances.last_closing(i))
+            if _may_touch(one, before, now)
         )
         self._bound_events()
         return not self._suspects
@@ -432,7 +460,7 @@ class Detector(EventSource, Replayable):
         model, data = self._model, self._data
         bounds = tuple(pair.closing_speed_bound(data) for pair in self._suspects)
         gaps = tuple(pair.gap(model, data, DISTANCE_LIMIT_M) for pair in self._suspects)
-        return _Sample(time, gaps, bounds)
+        return _Sample(time, gaps, bounds, self._instant())
 
     def due(self) -> bool:
         """Whether a pair touches and approaches at the state in ``data``."""
@@ -473,6 +501,7 @@ class Detector(EventSource, Replayable):
             (pair, max(a.bounds[k], b.bounds[k]) * span, b.gaps[k])
             for k, pair in enumerate(self._suspects)
             if a.gaps[k] + b.gaps[k] - 2.0 * DISTANCE_QUERY_M <= max(a.bounds[k], b.bounds[k]) * span
+            and _may_touch(pair, a.instant, b.instant)
         ]
         if not candidates:
             return None
