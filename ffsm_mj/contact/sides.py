@@ -14,6 +14,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from ffsm_mj._core.boxes import BoxTree
 from ffsm_mj._core.gap_bounds import PiecesOfBody
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.cached_property import cached_property
@@ -22,7 +23,6 @@ from ffsm_mj.contact.features.cores import Circle, Core, Face, Line, Point, Regi
 from ffsm_mj.contact.shape import Part, Shape
 from ffsm_mj.contact.solid.rods import Ends, Rod, covered_ends
 from ffsm_mj.contact.solid.solid import Solid
-from ffsm_mj.contact.solid.tree import BoxTree
 from ffsm_mj.contact.solid.welding import Plane
 from ffsm_mj.model.system import System
 from ffsm_mj.polytope import Polytope, box, hull_of
@@ -151,7 +151,7 @@ class Side:
         """Pieces whose boxes are within a reach of a point, axes of the body, m; without others the one that there is."""
         if len(self.pieces) == 1:
             return list(self.pieces)
-        return [self.pieces[k] for k in self.tree.near(point, point, reach).tolist()]
+        return [self.pieces[k] for k in self.tree.near(point, point, reach)]
 
     def local(self, data: Any, point: FloatArray) -> FloatArray:
         """A point of world axes in the axes of the body, m, (3,)."""

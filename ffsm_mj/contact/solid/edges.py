@@ -14,8 +14,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from ffsm_mj.arrays import FloatArray, IntArray
-from ffsm_mj.contact.solid.tree import BoxTree
+from ffsm_mj._core.boxes import BoxTree
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.solid.welding import Plane, Welded
 from ffsm_mj.dynamics.rigid_body import cross
 
@@ -113,7 +113,7 @@ class UnionEdges:
             along = [part for part in self._of_piece(k) if part.planes == planes]
             parts += along
             for end in (end for part in along for end in (part.start, part.end)):
-                adjacent = set(self._tree.near(end, end, self._tolerance).tolist()) - seen
+                adjacent = set(self._tree.near(end, end, self._tolerance)) - seen
                 seen |= adjacent
                 waiting += adjacent
         direction, into = self._frame(planes)
@@ -170,7 +170,7 @@ class Surroundings:
         offsets: Their offsets, (k,), m.
     """
 
-    def __init__(self, welded: Welded, pieces: IntArray, tolerance: float) -> None:
+    def __init__(self, welded: Welded, pieces: Sequence[int], tolerance: float) -> None:
         """Gather the planes.
 
         Args:
@@ -178,10 +178,10 @@ class Surroundings:
             pieces: Indices of those that are near, not empty.
             tolerance: Distance within which a point is on a plane, m.
         """
-        near = [welded.pieces[k] for k in pieces.tolist()]
+        near = [welded.pieces[k] for k in pieces]
         self.normals = np.concatenate([piece.normals for piece in near])
         self.offsets = np.concatenate([piece.offsets for piece in near])
-        self._planes = [plane for k in pieces.tolist() for plane in welded.planes[k]]
+        self._planes = [plane for k in pieces for plane in welded.planes[k]]
         counts = [len(piece.offsets) for piece in near]
         self._starts = np.cumsum([0, *counts[:-1]])
         self._owner = np.repeat(np.arange(len(counts)), counts)

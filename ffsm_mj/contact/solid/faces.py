@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from ffsm_mj._core.boxes import BoxTree
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.features.body_motion import Vector
-from ffsm_mj.contact.solid.tree import BoxTree
 from ffsm_mj.contact.solid.welding import Plane, Welded
 from ffsm_mj.dynamics.rigid_body import cross
 from ffsm_mj.hull import hull
@@ -210,7 +210,7 @@ class _Outlines:
         along = span / length
         outward = cross(along, self._normal)
         covered = []
-        for other in self._tree.near(np.minimum(start, end), np.maximum(start, end), self._tolerance).tolist():
+        for other in self._tree.near(np.minimum(start, end), np.maximum(start, end), self._tolerance):
             inwards, levels = self._shapes[other]
             rows = (inwards @ start - levels).tolist(), (inwards @ along).tolist(), (inwards @ outward).tolist()
             interval = _beyond(zip(*rows, strict=True), length, self._tolerance) if other != k else None

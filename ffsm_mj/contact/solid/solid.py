@@ -11,10 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from ffsm_mj._core.boxes import BoxTree
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.solid.edges import UnionEdges
 from ffsm_mj.contact.solid.faces import UnionFaces
-from ffsm_mj.contact.solid.tree import BoxTree
 from ffsm_mj.contact.solid.welding import weld
 from ffsm_mj.polytope import Polytope
 from ffsm_mj.tolerances import MERGED_M

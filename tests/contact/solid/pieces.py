@@ -36,6 +36,6 @@ def all_edges(solid):
 
 def faces_at(solid, point):
     """Faces of a union that a point is on."""
-    planes = (plane for k in solid.tree.near(point, point, 1e-9).tolist() for plane in solid.planes[k])
+    planes = (plane for k in solid.tree.near(point, point, 1e-9) for plane in solid.planes[k])
     faces = (face for plane in dict.fromkeys(planes) for face in solid.faces.at(plane))
     return [face for face in faces if abs(face.normal @ point - face.offset) <= 1e-9 and face.inside(point) >= -1e-9]

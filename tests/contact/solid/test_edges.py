@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from ffsm_mj._core.boxes import BoxTree
 from ffsm_mj.contact.solid.edges import Sector, UnionEdges, united
-from ffsm_mj.contact.solid.tree import BoxTree
 from ffsm_mj.contact.solid.welding import weld
 from ffsm_mj.polytope import box, hull_of
 from tests.contact.solid.pieces import EYE, cut_at_random, random_boxes
