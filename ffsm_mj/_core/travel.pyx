@@ -7,7 +7,7 @@ rates themselves do better, at the cost of a sum in each step.
 
 import numpy as np
 
-from libc.math cimport fabs
+from libc.math cimport fabs, INFINITY
 
 from ffsm_mj._core.steppers import BOUND_MARGIN
 
@@ -61,3 +61,49 @@ cdef class Travel:
     def is_within(self):
         """Whether no pair can be near."""
         return self.length < self.reach
+
+
+cdef class Closings:
+    """How far pairs can close at most, by the motion of the coordinates and by the kinetic energy: the smaller bound holds."""
+
+    cdef const double[:, ::1] rows
+    cdef const double[::1] per_root_energy, weights, per_length
+
+    def __init__(self, rows, slides, per_root_energy):
+        """Take the bounds of n pairs.
+
+        Args:
+            rows: Largest closing of each pair per m or rad of motion of each coordinate, (n, nv).
+            slides: Coordinates whose displacement has a limit, (k,).
+            per_root_energy: Largest closing of each pair per motion bound, (n,).
+        """
+        every = np.concatenate((rows, np.eye(rows.shape[1])[slides]))
+        # One number accumulates the largest weighted motion of all coordinates, instead of a sum for each pair.
+        self.weights = weights = every.max(axis=0, initial=0.0)
+        self.per_length = (every / np.where(weights > 0.0, weights, 1.0)).sum(axis=1)
+        self.rows, self.per_root_energy = np.ascontiguousarray(rows), per_root_energy
+
+    def most(self, const double[::1] moved not None, double motion_bound):
+        """Largest closings, m, (n,), of a motion of the coordinates, (nv,), with its motion bound."""
+        cdef double[::1] closings = np.empty(self.rows.shape[0])
+        cdef double by_rates, by_energy
+        cdef Py_ssize_t i, k
+        for i in range(self.rows.shape[0]):
+            by_rates, by_energy = 0.0, self.per_root_energy[i] * motion_bound if motion_bound > 0.0 else 0.0
+            for k in range(self.rows.shape[1]):
+                by_rates += self.rows[i, k] * moved[k]
+            closings[i] = by_energy if by_rates >= by_energy else by_rates  # one that is no number stays so
+        return closings.base
+
+    def begin(self, Travel travel not None, const double[::1] clearances not None, const double[::1] allowances not None):
+        """Begin a motion with clearances of the pairs, (n,), and of the displacements, (k,), m; the motion bound of none near."""
+        cdef double reach = INFINITY, by_energy = INFINITY
+        cdef Py_ssize_t i, n = self.rows.shape[0]
+        # Infinite clearances over infinite bounds are no numbers: the first of two is kept then.
+        for i in range(n):
+            reach = min(reach, clearances[i] / self.per_length[i])
+            by_energy = min(by_energy, clearances[i] / self.per_root_energy[i])
+        for i in range(allowances.shape[0]):
+            reach = min(reach, allowances[i] / self.per_length[n + i])
+        travel.begin(self.weights, reach)
+        return by_energy

@@ -1,4 +1,7 @@
-"""Motion of the coordinates since gaps were evaluated: the sums of a slow copy, and no gap closes by more."""
+"""Motion of the coordinates since gaps were evaluated: the sums of a slow copy, and no gap closes by more.
+
+Of both bounds on the closing of a pair the smaller one counts, and a reach ends where the first pair uses up its clearance.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ import numpy as np
 import pytest
 
 from ffsm_mj._core.steppers import BOUND_MARGIN
-from ffsm_mj._core.travel import Travel
+from ffsm_mj._core.travel import Closings, Travel
 from ffsm_mj.contact.motion_bound import TravelBound
 from tests.scenes import ARM
 
@@ -60,3 +63,33 @@ def test_two_bodies_approach_by_no_more(rng):
         mujoco.mj_forward(model, data)
         travel.add(1e-3)
         assert abs(apart() - start) <= (bound.rows @ travel.travelled)[0]
+
+
+def test_the_smaller_bound_counts_for_each_pair(rng):
+    """By rates, by energy, and by nothing where the energy has moved nothing; a rate that is no number excludes nothing."""
+    rows, per_root_energy = rng.uniform(size=(4, 3)), np.array((0.1, 10.0, np.inf, 1.0))
+    closings, moved = Closings(rows, np.zeros(0, dtype=np.intp), per_root_energy), rng.uniform(size=3)
+    np.testing.assert_allclose(closings.most(moved, 1.0), np.minimum(rows @ moved, per_root_energy), rtol=1e-14)
+    np.testing.assert_array_equal(closings.most(moved, 0.0), 0.0)
+    assert np.isnan(closings.most(np.full(3, np.nan), 1.0)).all()
+
+
+def test_the_reach_ends_with_the_first_clearance(rng):
+    """No pair has closed by its clearance, and no displacement gone by its allowance, while the motion is within the reach.
+
+    A pair without a clearance, or without a bound by energy, does not count; both together are no number.
+    """
+    rows, per_root_energy = rng.uniform(size=(4, 3)), np.array((0.5, 2.0, 1.0, np.inf))
+    rows[2] = 0.0  # a pair that no coordinate moves
+    clearances, rates = np.array((0.3, 0.7, np.inf, np.inf)), np.zeros(3)
+    closings, travel = Closings(rows, np.array([1]), per_root_energy), Travel(rates)
+    reaches = []
+    for allowance in (10.0, 1e-3):
+        assert closings.begin(travel, clearances, np.array([allowance])) == pytest.approx(0.7 / 2.0, rel=1e-14)
+        rates[:], reach = rng.uniform(size=3), 0.0
+        while travel.add(1e-5):
+            assert (closings.most(travel.travelled, np.inf)[:2] < clearances[:2]).all()
+            assert travel.travelled[1] < allowance
+            reach = travel.length
+        reaches.append(reach)
+    assert 0.0 < reaches[1] < 0.1 * reaches[0]

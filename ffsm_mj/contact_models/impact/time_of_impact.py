@@ -32,7 +32,7 @@ import numpy.typing as npt
 
 from ffsm_mj._core.gap_bounds import Instant
 from ffsm_mj._core.steppers import BOUND_MARGIN
-from ffsm_mj._core.travel import Travel
+from ffsm_mj._core.travel import Closings, Travel
 from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.contact.broad_phase import FEW, BroadPhase
 from ffsm_mj.contact.joint_limit import JointLimit, LimitCoordinates
@@ -81,10 +81,7 @@ class Clearances:
     def _bind_travel(self) -> None:
         """Compute the bounds by joints for the present displacements of slide joints."""
         self._by_joints = TravelBound(self._model, self._data.qpos, self._pairs)
-        rows = np.concatenate((self._by_joints.rows, np.eye(self._model.nv)[self._by_joints.slides]))
-        # One number accumulates the largest weighted motion of all degrees of freedom, instead of a sum for each pair.
-        self._weights = rows.max(axis=0, initial=0.0)
-        self._per_length = (rows / np.where(self._weights > 0.0, self._weights, 1.0)).sum(axis=1)
+        self._closings = Closings(self._by_joints.rows, self._by_joints.slides, self._per_root_energy)
 
     def restart(self, motion: Motion, is_skipped: Callable[[ContactPair], bool]) -> None:
         """Start at the state in ``data``, which has changed discontinuously, or the pairs to be detected have.
@@ -111,10 +108,8 @@ class Clearances:
             return NO_PAIRS
         self._clearance[list(self._left)] = -math.inf
         self._left.clear()
-        rows, parts = self._by_joints.rows, (stepper.motion_bound - self._start, stepper.last_increment)
-        moved = zip((self.travel.travelled, self.travel.last), map(self._by_energy, parts), strict=True)
-        # Both bounds hold: the smaller one counts for each pair.
-        closed, self.last = (np.minimum(rows @ by_rates, by_energy) for by_rates, by_energy in moved)
+        closed = self._closings.most(self.travel.travelled, stepper.motion_bound - self._start)
+        self.last = self._closings.most(self.travel.last, stepper.last_increment)
         return self._exhausted(closed, self.last, stepper.motion_bound)
 
     def last_closing(self, i: int) -> float:
@@ -126,10 +121,6 @@ class Clearances:
         self._left.add(i)
         self.travel.end()
         self.energy_reach = -math.inf
-
-    def _by_energy(self, motion_bound: float) -> FloatArray:
-        """Largest closing of each pair in a motion, m."""
-        return self._per_root_energy * motion_bound if motion_bound > 0.0 else np.zeros(len(self._pairs))
 
     def _exhausted(self, closed: FloatArray, last: FloatArray, motion_bound: float) -> Indices:
         """Evaluate the pairs that may be near contact after closing by at most these lengths; return the suspects.
@@ -173,14 +164,7 @@ class Clearances:
             slides = self._by_joints.slide_allowance(data.qpos)
         self._clearance[self._skipped] = math.inf
         self._start = motion_bound
-        with np.errstate(divide="ignore", invalid="ignore"):
-            self.travel.begin(self._weights, _least(np.concatenate((self._clearance, slides)) / self._per_length))
-            self.energy_reach = motion_bound + _least(self._clearance / self._per_root_energy)
-
-
-def _least(lengths: FloatArray) -> float:
-    """Least of some lengths; infinite ones over infinite bounds, which are not numbers, do not count."""
-    return float(np.fmin.reduce(lengths, initial=math.inf))
+        self.energy_reach = motion_bound + self._closings.begin(self.travel, self._clearance, slides)
 
 
 _ROUNDING = 4.0 * EPSILON
