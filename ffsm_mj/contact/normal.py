@@ -22,8 +22,9 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
+from ffsm_mj._core.polygons import opposite, segments_lie_along
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.patch import facing, flush_offset, opposite, segments_lie_along
+from ffsm_mj.contact.patch import facing, flush_offset
 from ffsm_mj.contact.shape import Part, Shape
 from ffsm_mj.dynamics.rigid_body import cross
 from ffsm_mj.state import Stateful

@@ -24,12 +24,13 @@ from typing import Any, Literal, TypeAlias
 import mujoco
 import numpy as np
 
+from ffsm_mj._core.polygons import touching_set
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.cells import chosen_cell, separating_normals
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.motion_bound import MotionBound
 from ffsm_mj.contact.normal import ContactNormal, HalfSpaceNormal, NormalSearch, SphereNormal, separation
-from ffsm_mj.contact.patch import caps_of, facing, flush_offset, touching_set
+from ffsm_mj.contact.patch import caps_of, facing, flush_offset
 from ffsm_mj.contact.proximity import FAR_M, Proximity, SecondRate, second_rate
 from ffsm_mj.contact.shape import Part, Shape, position_tolerance, side_radius
 from ffsm_mj.contact.surfaces import AT_POINT_M
@@ -46,7 +47,7 @@ def lowest_of_rims(shapes: tuple[Shape, Shape], normal: FloatArray, spin: FloatA
         shapes: The two geoms.
         normal: Unit normal from the first geom to the second.
         spin: Angular velocity of the second geom relative to the first; the gap rate increases along normal x spin.
-        level: Tolerance of :func:`~ffsm_mj.contact.patch.touching_set`, m.
+        level: Tolerance of :func:`~ffsm_mj._core.polygons.touching_set`, m.
     """
     caps = caps_of(*shapes, normal)
     for mine, cap in enumerate(caps):

@@ -14,11 +14,12 @@ import mujoco
 import numpy as np
 
 from ffsm_mj._core.gap_bounds import Instant, stay_apart
+from ffsm_mj._core.polygons import opposite
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.near_pieces import face_normal, local_gap
 from ffsm_mj.contact.normal import ContactNormal, HalfSpaceNormal, NormalSearch, separation
 from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.contact.patch import facing, opposite
+from ffsm_mj.contact.patch import facing
 from ffsm_mj.contact.probe import PartSearch, Probe
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact.shape import Shape

@@ -17,9 +17,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from ffsm_mj._core.polygons import hull
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.cached_property import cached_property
-from ffsm_mj.hull import hull
 from ffsm_mj.polytope import Polytope
 from ffsm_mj.tolerances import CONTACT_GAP_M, EPSILON, MERGED_M, MESH_PRECISION, PARALLEL, STRAIGHT
 

@@ -9,9 +9,9 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
+from ffsm_mj._core.polygons import corners_across
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.cells import intersection, nearest_in_cone
-from ffsm_mj.contact.patch import corners_across
 from ffsm_mj.contact.shape import Shape
 from ffsm_mj.contact.sides import Piece, Side
 from ffsm_mj.tolerances import CONTACT_GAP_M, MERGED_M, PARALLEL

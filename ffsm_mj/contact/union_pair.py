@@ -19,6 +19,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from ffsm_mj._core.polygons import corners_across
 from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.cells import cells, chosen_cell, in_cone, separating_normals
@@ -26,7 +27,6 @@ from ffsm_mj.contact.features.gap_function import Feature
 from ffsm_mj.contact.near_pieces import NearPieces
 from ffsm_mj.contact.normal import DISTANCE_LIMIT_M, separation
 from ffsm_mj.contact.pairs import ContactPair, gap_rounding
-from ffsm_mj.contact.patch import corners_across
 from ffsm_mj.contact.piece_pair import TwoPieces
 from ffsm_mj.contact.probe import Probe
 from ffsm_mj.contact.proximity import AT_END, FAR_M, Proximity, SecondRate, second_rate

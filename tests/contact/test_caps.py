@@ -6,7 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from ffsm_mj.contact.patch import facing, opposite, touching_set
+from ffsm_mj._core.polygons import opposite, touching_set
+from ffsm_mj.contact.patch import facing
 from ffsm_mj.contact.shape import Shape
 
 RADIUS, HALF = 0.2, 0.1

@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from ffsm_mj._core.polygons import touching_set
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.contact.normal import NormalSearch, SphereNormal, refine_normal, separation
-from ffsm_mj.contact.patch import touching_set
 from ffsm_mj.contact.shape import PARALLEL, Shape
 from ffsm_mj.errors import InputError
 from tests.scenes import HEAD, ball, box, scene

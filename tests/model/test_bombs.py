@@ -16,10 +16,10 @@ import zstandard
 from mcap.reader import make_reader
 
 import ffsm_mj
+from ffsm_mj._core.polygons import hull
 from ffsm_mj.assembly import assemble
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError, LogError
-from ffsm_mj.hull import hull
 from ffsm_mj.log import limits
 from ffsm_mj.log.drawing import shapes
 from ffsm_mj.log.foxglove import outline_cloud

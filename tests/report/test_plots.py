@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from ffsm_mj.hull import hull
+from ffsm_mj._core.polygons import hull
 from ffsm_mj.report import pictures, plots
 from ffsm_mj.report.animation import animate
 from ffsm_mj.report.plots.motion import view_box

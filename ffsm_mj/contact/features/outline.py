@@ -13,12 +13,12 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from ffsm_mj._core.polygons import hull_indices
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.features.body_motion import Body, Vector, cross, dot, minus, shifted, unit
 from ffsm_mj.contact.features.cores import Circle, Core, Curve, Ellipsoid, Face, Line, Point
 from ffsm_mj.contact.shape import Part, Shape, lies_flat
 from ffsm_mj.dynamics.rigid_body import cross as cross_product
-from ffsm_mj.hull import hull
 from ffsm_mj.tolerances import CONTACT_GAP_M, MERGED_M, PARALLEL, STRAIGHT
 
 
@@ -178,8 +178,7 @@ class PolytopeOutline(Outline):
             return points
         u = np.linalg.svd(self._outward[None])[2][1]
         flat = points @ np.stack((u, cross_product(self._outward, u))).T
-        corners = hull(flat, merge=MERGED_M, straight=STRAIGHT)
-        return np.asarray(points[[int(np.argmin(np.abs(flat - corner).sum(axis=1))) for corner in corners]])
+        return np.asarray(points[hull_indices(flat, merge=MERGED_M, straight=STRAIGHT)])
 
     def points(self) -> list[Core]:
         """Corners, without bounds."""

@@ -19,6 +19,7 @@ from typing import Any, TypeVar
 
 import mujoco
 
+from ffsm_mj._core.polygons import lie_along
 from ffsm_mj.contact.cone_pair import ConePair
 from ffsm_mj.contact.features.body_motion import Body, Vector, cross, dot, minus, shifted
 from ffsm_mj.contact.features.cone_gaps import Cone, LevelRimOnCone, PointOnCone, RoundOnCone
@@ -29,7 +30,7 @@ from ffsm_mj.contact.features.point_line_gaps import LineOnCurve, PointOnCurve, 
 from ffsm_mj.contact.features.rim_gaps import RimOnEllipsoid, RimOnRim, SideOnRim, level_crossings, rim_towards
 from ffsm_mj.contact.features.round_gaps import EllipsoidOnEllipsoid, OnEllipsoid, RoundOnFace
 from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.contact.patch import flush_offset, lie_along
+from ffsm_mj.contact.patch import flush_offset
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact.solid.faces import UnionFace
 from ffsm_mj.contact.union_pair import PiecePair, UnionProximity

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj._core.boxes import BoxTree
+from ffsm_mj._core.polygons import hull_indices
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.features.body_motion import Vector
 from ffsm_mj.contact.solid.welding import Plane, Welded
 from ffsm_mj.dynamics.rigid_body import cross
-from ffsm_mj.hull import hull
 from ffsm_mj.tolerances import MERGED_M
 
 Sides = tuple[tuple[Vector, float], ...]
@@ -111,8 +111,7 @@ class UnionFace:
         u /= np.linalg.norm(u)
         flat = points @ np.stack((u, cross(self.normal, u))).T
         # Corners within a straight side are left out by rounding, not by the coarser tolerance of touching sets.
-        corners = hull(flat, merge=self.tolerance, straight=MERGED_M)
-        return points[[int(np.argmin(np.abs(flat - corner).sum(axis=1))) for corner in corners]]
+        return points[hull_indices(flat, merge=self.tolerance, straight=MERGED_M)]
 
 
 class UnionFaces:

@@ -8,8 +8,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from ffsm_mj._core.polygons import hull
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.hull import hull
 from ffsm_mj.log.drawing import colour_of, geoms_to_draw
 from ffsm_mj.model.system import System
 
