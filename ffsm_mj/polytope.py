@@ -6,8 +6,7 @@ unions are therefore these polytopes, in the axes of a geom or body.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -54,44 +53,11 @@ class Polytope:
         return tuple((a, b, k, left[b, a]) for (a, b), k in left.items() if a < b)
 
     @cached_property
-    def _segments(self) -> tuple[FloatArray, FloatArray]:
+    def segments(self) -> tuple[FloatArray, FloatArray]:
         """Starts of the edges, m, and the vectors from there to their ends, m, (e, 3) each."""
         ends = np.array([edge[:2] for edge in self.edges])
         starts = self.vertices[ends[:, 0]]
         return starts, self.vertices[ends[:, 1]] - starts
-
-    def outward(self, segment: FloatArray) -> Iterator[FloatArray]:
-        """Unit vectors along which a segment may be nearest, (3,): of a face that it is over, else from an edge or corner.
-
-        Args:
-            segment: Its ends, (2, 3), m; a point is both of them.
-        """
-        over = segment @ self.normals.T - self.offsets
-        heights = over.min(axis=0)
-        k = int(np.argmax(heights))
-        height, lowest = float(heights[k]), segment[int(np.argmin(over[:, k]))]
-        if height <= 0.0 or (self.normals @ (lowest - height * self.normals[k]) - self.offsets).max() <= MERGED_M:
-            yield self.normals[k]
-            return
-        offset = self._from_edges(segment)
-        length = math.hypot(*offset)
-        if length <= height + MERGED_M:  # it crosses the edges of the face, or ends over one of them
-            yield self.normals[k]
-        yield offset / length
-
-    def _from_edges(self, segment: FloatArray) -> FloatArray:
-        """Shortest vector from the edges to a segment, m, (3,)."""
-        starts, spans = self._segments
-        along, apart = segment[1] - segment[0], segment[0] - starts
-        a, e = float(along @ along), np.einsum("ei,ei->e", spans, spans)
-        b, c, f = spans @ along, apart @ along, np.einsum("ei,ei->e", spans, apart)
-        # Ericson, Real-Time Collision Detection, sec. 5.1.9. Parallel lines are as near anywhere, a point at 0.
-        across = a * e - b * b
-        s = np.clip((b * f - c * e) / np.where(across > 0.0, across, 1.0), 0.0, 1.0)
-        t = np.clip((b * s + f) / e, 0.0, 1.0)
-        s = np.clip((b * t - c) / (a if a > 0.0 else 1.0), 0.0, 1.0)
-        offsets = apart + s[:, None] * along - t[:, None] * spans
-        return np.asarray(offsets[int(np.argmin(np.einsum("ei,ei->e", offsets, offsets)))])
 
     @property
     def volume(self) -> float:
@@ -104,14 +70,6 @@ class Polytope:
     def thickness(self) -> float:
         """Least width across a face, m."""
         return float((self.offsets - (self.normals @ self.vertices.T).min(axis=1)).min())
-
-    def normals_at(self, point: FloatArray, tolerance: float) -> FloatArray | None:
-        """Normals of the planes that pass through a point within a tolerance in m, (k, 3).
-
-        Empty if the point is strictly inside; None if it is outside by more than the tolerance.
-        """
-        heights = self.normals @ point - self.offsets
-        return None if heights.max() > tolerance else np.asarray(self.normals[heights >= -tolerance])
 
     def moved(self, position: FloatArray, rotation: FloatArray) -> Polytope:
         """The same solid in other axes.

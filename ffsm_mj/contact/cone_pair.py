@@ -264,7 +264,7 @@ class ConePair(ContactPair):
         """Proximity of a place at a gap, with a normal to the inside."""
         normal = inward if self._on_a else -inward
         points = (place - (self._contact.radius + 0.5 * gap) * inward)[None]
-        rates, tolerance = self._rates(data, normal, points)
+        rates, tolerance = self._velocity.along(data, normal, points)
         return Proximity(gap, normal, points, rates, tolerance, gap_rounding(points), patch)
 
     def _round(self, data: Any, place: FloatArray) -> list[FloatArray]:
@@ -272,7 +272,7 @@ class ConePair(ContactPair):
         axis = self._axis(data)
         velocity = self.slip(data, axis, place) if self._on_a else -self.slip(data, axis, place)
         speed = math.hypot(*velocity)
-        still = self._rates(data, axis, place[None])[1]
+        still = self._velocity.along(data, axis, place[None])[1]
         # Of a motion along the axis the direction across it is rounding: a fixed one repeats.
         first = velocity / speed if speed > still else data.xmat[self._cone.body.id].reshape(3, 3) @ self._cone.outward(0.0)
         second = np.cross(axis, first)

@@ -23,6 +23,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj._core.polygons import opposite, segments_lie_along
+from ffsm_mj._core.shapes import separation
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.patch import facing, flush_offset
 from ffsm_mj.contact.shape import Part, Shape
@@ -140,11 +141,6 @@ def _best_direction(
         if value > largest + _ROUNDING:
             best, largest = normal, value
     return best, largest
-
-
-def separation(first: Shape, second: Shape, normal: FloatArray) -> float:
-    """Separation along a direction, m: the signed gap if the direction is the normal."""
-    return float((second.extreme(-normal) @ normal).min() - (first.extreme(normal) @ normal).max())
 
 
 def _choices(edges: FloatArray) -> Iterator[FloatArray]:

@@ -24,20 +24,22 @@ from typing import Any, Literal, TypeAlias
 import mujoco
 import numpy as np
 
+from ffsm_mj._core.gap_rates import RelativeVelocity
 from ffsm_mj._core.polygons import touching_set
+from ffsm_mj._core.shapes import separation
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.cells import chosen_cell, separating_normals
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.motion_bound import MotionBound
-from ffsm_mj.contact.normal import ContactNormal, HalfSpaceNormal, NormalSearch, SphereNormal, separation
+from ffsm_mj.contact.normal import ContactNormal, HalfSpaceNormal, NormalSearch, SphereNormal
 from ffsm_mj.contact.patch import caps_of, facing, flush_offset
 from ffsm_mj.contact.proximity import FAR_M, Proximity, SecondRate, second_rate
 from ffsm_mj.contact.shape import Part, Shape, position_tolerance, side_radius
 from ffsm_mj.contact.surfaces import AT_POINT_M
-from ffsm_mj.dynamics.rigid_body import cross, cross_rows
+from ffsm_mj.dynamics.rigid_body import cross
 from ffsm_mj.model.system import System
 from ffsm_mj.state import Stateful
-from ffsm_mj.tolerances import CONTACT_GAP_M, EPSILON, RATE
+from ffsm_mj.tolerances import CONTACT_GAP_M, EPSILON
 
 
 def lowest_of_rims(shapes: tuple[Shape, Shape], normal: FloatArray, spin: FloatArray, level: float) -> Iterator[FloatArray]:
@@ -173,7 +175,7 @@ class ContactPair(Stateful):
         self.restitution, self.mu = restitution, mu
         self.size = 0.5 * float(min(model.geom_aabb[self._g1, 3:].min(), model.geom_aabb[self._g2, 3:].min()))
         self.position_tolerance = position_tolerance(model, self._g1) + position_tolerance(model, self._g2)
-        self._root1, self._root2 = int(model.body_rootid[self.body_a]), int(model.body_rootid[self.body_b])
+        self._velocity = RelativeVelocity(model, self.body_a, self.body_b)
         radius = side_radius(model, self._g1) + side_radius(model, self._g2)
         self.flush_offset, self.flush_angle = flush_offset(radius), flush_offset(radius) / radius if radius > 0.0 else 0.0
         self._radii = float(model.geom_rbound[self._g1]), float(model.geom_rbound[self._g2])
@@ -318,7 +320,7 @@ class ContactPair(Stateful):
         # Features that do not overlap in projection, as corners that are too close: the middle of the witness points serves.
         points = points if len(points) else witness[None]
         rounding = gap_rounding(points)
-        rates, tolerance = self._rates(data, normal, points)
+        rates, tolerance = self._velocity.along(data, normal, points)
         near = Proximity(gap, normal, points, rates, tolerance, rounding)
         if self.may_tie and near.gap <= CONTACT_GAP_M:
             return self._untied(shapes, data, near)
@@ -337,7 +339,7 @@ class ContactPair(Stateful):
             if a is None or b is None or min(len(a), len(b)) < 2 or len(choices := separating_normals(a, b)) < 2:
                 return near
         cells = [normal[None] for normal in choices if self._parted_along(shapes, data, normal) is not None]
-        motions = np.array([self._moves(data, point) for point in near.points])
+        motions = np.array([self._velocity.at(data, point) for point in near.points])
         chosen = chosen_cell(cells, motions, near.rate_tolerance, near.normal)
         return next((one for normal in chosen if (one := self._parted_along(shapes, data, normal)) is not None), near)
 
@@ -346,29 +348,22 @@ class ContactPair(Stateful):
         points = touching_set(*facing(*shapes, normal), normal, CONTACT_GAP_M)
         if not len(points) or (gap := separation(*shapes, normal)) < -CONTACT_GAP_M:
             return None
-        rates, tolerance = self._rates(data, normal, points)
+        rates, tolerance = self._velocity.along(data, normal, points)
         return Proximity(gap, normal, points, rates, tolerance, gap_rounding(points))
 
     def _with_rims(self, shapes: tuple[Shape, Shape], data: Any, near: Proximity) -> Proximity:
         """Add the point of a cap's rim at which the gap closes fastest, if it closes faster there than at all points."""
         spin = data.cvel[self.body_b][:3] - data.cvel[self.body_a][:3]
         for lowest in lowest_of_rims(shapes, near.normal, spin, CONTACT_GAP_M + self.position_tolerance):
-            rates = self._rates(data, near.normal, lowest)[0]
+            rates = self._velocity.along(data, near.normal, lowest)[0]
             if rates[0] < min(near.rate, 0.0) - near.rate_tolerance:
                 near = replace(near, points=np.concatenate((near.points, lowest)), rates=np.append(near.rates, rates))
         return near
 
     def at_velocities(self, data: Any, near: Proximity) -> Proximity:
         """The proximity with the gap rates of the velocities in ``data``, after these changed at one instant."""
-        rates, tolerance = self._rates(data, near.normal, near.points)
+        rates, tolerance = self._velocity.along(data, near.normal, near.points)
         return replace(near, rates=rates, rate_tolerance=tolerance)
-
-    def _rates(self, data: Any, normal: FloatArray, points: FloatArray) -> tuple[FloatArray, float]:
-        """Gap rate at each point in m/s, (k,), and its rounding."""
-        velocity_a = self._velocity(data, self.body_a, self._root1, points)
-        there = self._velocity(data, self.body_b, self._root2, points)
-        tolerance = RATE * (1.0 + float(np.abs(velocity_a).max()) + float(np.abs(there).max()))
-        return (there - velocity_a) @ normal, tolerance
 
     def second_rate(self, model: Any, data: Any, near: Proximity, point: FloatArray) -> SecondRate:
         """Second rate of the gap at one of the points of a proximity; accelerations in ``data`` must be current."""
@@ -386,24 +381,12 @@ class ContactPair(Stateful):
 
     def rate_along(self, data: Any, normal: FloatArray, point: FloatArray) -> float:
         """Velocity of b relative to a at a point along a unit vector, m/s; velocities in ``data`` current."""
-        return float(self._rates(data, normal, point[None])[0][0])
+        return float(self._velocity.along(data, normal, point[None])[0][0])
 
     def slip(self, data: Any, normal: FloatArray, point: FloatArray) -> FloatArray:
         """Tangential velocity of b relative to a at a point, world axes, (3,), m/s."""
-        relative = self._moves(data, point)
+        relative = self._velocity.at(data, point)
         return np.asarray(relative - (relative @ normal) * normal)
-
-    def _moves(self, data: Any, point: FloatArray) -> FloatArray:
-        """Velocity of b relative to a at a point, m/s, (3,)."""
-        there = point[None]
-        of_b = self._velocity(data, self.body_b, self._root2, there)
-        return np.asarray((of_b - self._velocity(data, self.body_a, self._root1, there))[0])
-
-    @staticmethod
-    def _velocity(data: Any, body: int, root: int, points: FloatArray) -> FloatArray:
-        """Velocities of points fixed to a body, (k, 3), m/s."""
-        twist = data.cvel[body]
-        return np.asarray(twist[3:] + cross_rows(twist[:3], points - data.subtree_com[root]))
 
 
 def _nothing() -> None:

@@ -15,9 +15,11 @@ import numpy as np
 
 from ffsm_mj._core.gap_bounds import Instant, stay_apart
 from ffsm_mj._core.polygons import opposite
+from ffsm_mj._core.polytopes import outward_vectors
+from ffsm_mj._core.shapes import separation
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.near_pieces import face_normal, local_gap
-from ffsm_mj.contact.normal import ContactNormal, HalfSpaceNormal, NormalSearch, separation
+from ffsm_mj.contact.normal import ContactNormal, HalfSpaceNormal, NormalSearch
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.patch import facing
 from ffsm_mj.contact.probe import PartSearch, Probe
@@ -81,9 +83,9 @@ class TwoPieces(ContactPair):
 
     def stays_apart(self, before: Instant, after: Instant) -> bool:
         """Whether they certainly do not touch from the start of a step to its end, given the states there."""
-        (a, b), roots = self._sides, (self._root1, self._root2)
+        a, b = self._sides
         numbers = self.pieces[0].number, self.pieces[1].number
-        return stay_apart((a.bounding, b.bounding), numbers, roots, before, after, DISTANCE_QUERY_M)
+        return stay_apart((a.bounding, b.bounding), numbers, self._velocity.roots, before, after, DISTANCE_QUERY_M)
 
     def alone(self, model: Any, data: Any) -> Proximity:
         """Gap, normal, points and rates of these two pieces as if there were no others."""
@@ -136,7 +138,7 @@ class TwoPieces(ContactPair):
         rod, side = shapes[self._rod], self._sides[1 - self._rod]
         polytope, axes = self.pieces[1 - self._rod].polytope, data.xmat[side.body].reshape(3, 3)
         assert polytope is not None
-        for outward in polytope.outward((rod.core() - data.xpos[side.body]) @ axes):
+        for outward in outward_vectors(polytope, (rod.core() - data.xpos[side.body]) @ axes):
             yield np.asarray((-1.0 if self._rod == 0 else 1.0) * axes @ outward)
 
     def gap_to_rounding(self, model: Any, data: Any, gap: float) -> float:

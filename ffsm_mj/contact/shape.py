@@ -10,7 +10,6 @@ normal only, where every point of it is extreme.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,18 +17,15 @@ import mujoco
 import numpy as np
 
 from ffsm_mj._core.polygons import hull
+from ffsm_mj._core.shapes import PosedGeom, lies_flat
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.polytope import Polytope
-from ffsm_mj.tolerances import CONTACT_GAP_M, EPSILON, MERGED_M, MESH_PRECISION, PARALLEL, STRAIGHT
+from ffsm_mj.tolerances import MERGED_M, MESH_PRECISION, STRAIGHT
 
 _ON_AXIS = 1e-9
 """A direction within this angle of the axis of a cylinder, in rad, has no radius of curvature around the axis."""
 _AXES = np.eye(3)
-_TINY = 1e-300
-"""Divides what is zero only where its quotient does not count."""
-_DISC_POINTS = 8
-"""Number of fixed points that represent the rim of a cap."""
 
 _TYPE = mujoco.mjtGeom
 _PLANE, _SPHERE, _ELLIPSOID = int(_TYPE.mjGEOM_PLANE), int(_TYPE.mjGEOM_SPHERE), int(_TYPE.mjGEOM_ELLIPSOID)
@@ -63,29 +59,21 @@ class Part:
         return cls(body, polytope, corners, centre, float(np.linalg.norm(polytope.vertices - centre, axis=1).max()))
 
 
-class Shape:
+class Shape(PosedGeom):
     """One convex geom at its pose in MuJoCo's data."""
 
-    def __init__(self, model: Any, data: Any, geom: int, part: Part | None = None) -> None:
-        """Take views of the pose of a geom (id), or of a part of it; kinematics in ``data`` must be current."""
-        self._model, self._geom, self._part = model, geom, part
-        self._kind = int(model.geom_type[geom]) if part is None else _MESH
-        self._size: FloatArray = model.geom_size[geom]
-        if part is None:
-            self._rotation: FloatArray = data.geom_xmat[geom].reshape(3, 3)
-            self._position: FloatArray = data.geom_xpos[geom]
-        else:
-            self._rotation, self._position = data.xmat[part.body].reshape(3, 3), data.xpos[part.body]
+    @cached_property
+    def _size(self) -> FloatArray:
+        return np.asarray(self._model.geom_size[self._geom])
 
-    @property
-    def is_plane(self) -> bool:
-        """Whether it is a half-space."""
-        return self._kind == _PLANE
+    @cached_property
+    def _rotation(self) -> FloatArray:
+        matrix = self._data.geom_xmat[self._geom] if self._part is None else self._data.xmat[self._part.body]
+        return np.asarray(matrix.reshape(3, 3))
 
-    @property
-    def axis(self) -> FloatArray:
-        """Its z axis, world axes, (3,): the outward normal of a plane."""
-        return self._rotation[:, 2]
+    @cached_property
+    def _position(self) -> FloatArray:
+        return np.asarray(self._data.geom_xpos[self._geom] if self._part is None else self._data.xpos[self._part.body])
 
     def projected(self, points: FloatArray) -> FloatArray:
         """Feet of the perpendiculars from points, (k, 3), to a plane."""
@@ -100,59 +88,6 @@ class Shape:
     def side_radius(self) -> float:
         """Radius of the side of a capsule or cylinder, m; 0 for other geoms."""
         return side_radius(self._model, self._geom)
-
-    def core(self) -> FloatArray:
-        """Ends of the axis of a capsule, the middle of a sphere twice, m, (2, 3)."""
-        half = (self._size[1] if self._kind == _CAPSULE else 0.0) * self.axis
-        return np.stack((self._position - half, self._position + half))
-
-    def extreme(self, direction: FloatArray, width: float = 0.0, tolerance: float = 0.0) -> FloatArray:
-        """All extreme points along a unit vector, (k, 3).
-
-        Edges and faces within ``width`` rad of perpendicular to the vector count with all their corners, and caps of
-        cylinders whose whole rim is level within CONTACT_GAP_M and a further ``tolerance`` in m. The origin of a plane
-        stands for all of it.
-        """
-        local, size = self._rotation.T @ direction, self._size
-        if self._kind == _SPHERE:
-            points = size[0] * local[None]
-        elif self._kind == _ELLIPSOID:
-            points = (size**2 * local / np.linalg.norm(size * local))[None]
-        elif self._kind == _BOX:
-            points = np.copysign(size, local)[None]
-            for axis, component in enumerate(local.tolist()):
-                if abs(component) <= width:
-                    other = points.copy()
-                    other[:, axis] *= -1.0
-                    points = np.concatenate((points, other))
-        elif self._kind == _CAPSULE:
-            points = np.array([[0.0, 0.0, z] for z in _ends(local[2], size[1], width)]) + size[0] * local
-        elif self._kind == _CYLINDER:
-            points = _cylinder_points(local, size, width, tolerance)
-        elif self._kind == _PLANE:
-            points = np.zeros((1, 3))
-        else:
-            points = self._mesh_points(local, width)
-        return np.asarray(self._position + points @ self._rotation.T)
-
-    def extents(self, directions: FloatArray) -> FloatArray:
-        """Greatest coordinates of its points along unit vectors, (k, 3), m, (k,); that of a plane is along its normal."""
-        local, size = directions @ self._rotation, self._size
-        if self._kind == _SPHERE:
-            extents = np.full(len(local), size[0])
-        elif self._kind == _ELLIPSOID:
-            extents = np.linalg.norm(size * local, axis=1)
-        elif self._kind == _BOX:
-            extents = np.abs(local) @ size
-        elif self._kind == _CAPSULE:
-            extents = size[0] + size[1] * np.abs(local[:, 2])
-        elif self._kind == _CYLINDER:
-            extents = size[0] * np.hypot(local[:, 0], local[:, 1]) + size[1] * np.abs(local[:, 2])
-        elif self._kind == _PLANE:
-            extents = np.where(1.0 - local[:, 2] <= EPSILON, 0.0, math.inf)
-        else:
-            extents = (self._vertices() @ local.T).max(axis=0)
-        return np.asarray(directions @ self._position + extents)
 
     def cap(self, direction: FloatArray, tolerance: float) -> tuple[FloatArray, FloatArray, float] | None:
         """Centre, two axes in its plane (2, 3) and radius in m of the cap along a unit vector; None if there is none."""
@@ -190,24 +125,6 @@ class Shape:
         """Centre, (3,), and radius of a sphere, m; None for other geoms."""
         return (self._position, float(self._size[0])) if self._kind == _SPHERE else None
 
-    def nearest(self, point: FloatArray) -> tuple[FloatArray, float]:
-        """Outward unit normal where the surface of a round geom or box is nearest to a point, (3,), and its height, m.
-
-        A capsule or sphere is a box without width, and a cylinder a box around its axis, each with a radius.
-        """
-        (x, y, z), (a, b, c) = ((point - self._position) @ self._rotation).tolist(), self._size.tolist()
-        if self._kind == _BOX:
-            local, height = _over_box((x, y, z), (a, b, c))
-        elif self._kind == _CYLINDER:
-            radial = math.hypot(x, y)
-            (across, along), height = _over_box((radial, z), (a, b))
-            # On the axis all directions across it are equal.
-            local = (across * x / radial, across * y / radial, along) if radial > 0.0 else (across, 0.0, along)
-        else:
-            local, height = _over_box((x, y, z), (0.0, 0.0, b if self._kind == _CAPSULE else 0.0))
-            height -= a
-        return np.asarray(self._rotation @ local), height
-
     def edges(self, direction: FloatArray, width: float) -> FloatArray:
         """Directions of straight edges within ``width`` rad of perpendicular to a unit vector, (k, 3); a face has many."""
         local = self._rotation.T @ direction
@@ -220,7 +137,7 @@ class Shape:
         elif self._kind in (_CAPSULE, _CYLINDER):
             axes = np.eye(3)[2:] if abs(local[2]) <= width else np.empty((0, 3))
         else:
-            axes = _directions(self._mesh_points(local, width))
+            axes = _directions(self.local_extreme(direction, width))
         return np.asarray(axes @ self._rotation.T)
 
     def hull_edges(self, direction: FloatArray, width: float) -> FloatArray:
@@ -235,7 +152,8 @@ class Shape:
         following[starts - first + counts - 1] = starts - first
         corners = model.mesh_polyvert[first : first + count]
         ends = np.unique(np.sort(np.stack((corners, corners[following]), axis=1), axis=1), axis=0)
-        vertices = self._vertices()
+        first = int(model.mesh_vertadr[mesh])
+        vertices = model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])].astype(np.float64)
         heights = vertices @ (self._rotation.T @ direction)
         near = heights >= heights.max() - width * float(model.geom_rbound[self._geom])
         a, b = vertices[ends[near[ends].all(axis=1)]].swapaxes(0, 1)
@@ -254,73 +172,6 @@ class Shape:
             return np.zeros((3, 3))  # vertices and edges of a polytope
         return np.asarray(self._rotation @ radii @ self._rotation.T)
 
-    def _mesh_points(self, local: FloatArray, width: float) -> FloatArray:
-        vertices = self._vertices()
-        heights = vertices @ local
-        if self._part is None:
-            reach = max(width, MESH_PRECISION) * float(self._model.geom_rbound[self._geom])
-        else:
-            reach = width * self._part.radius
-        reach = reach if width > 0.0 else 0.0
-        highest = vertices[heights >= heights.max() - reach]
-        return highest if self._part is not None or len(highest) == 1 else np.unique(highest, axis=0)
-
-    def _vertices(self) -> FloatArray:
-        """Vertices of the mesh in the axes of the geom or of the body of the part, (n, 3)."""
-        if self._part is not None:
-            return self._part.corners
-        model, mesh = self._model, int(self._model.geom_dataid[self._geom])
-        first = int(model.mesh_vertadr[mesh])
-        return np.asarray(model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])].astype(np.float64))
-
-    def normals_at(self, point: FloatArray, tolerance: float) -> FloatArray | None:
-        """Outward unit normals of the surfaces of a box, plane or round geom that meet at a point, world axes, (k, 3).
-
-        Args:
-            point: A point, world axes, m, (3,).
-            tolerance: A surface within this of the point, m, is at it.
-
-        Returns:
-            Empty if the point is within the geom; None if it is outside by more than the tolerance.
-        """
-        local, size = (point - self._position) @ self._rotation, self._size
-        if self._kind == _BOX:
-            normals, depths = np.vstack((np.eye(3), -np.eye(3))), np.concatenate((size - local, size + local))
-        elif self._kind in (_SPHERE, _CAPSULE):
-            middle = np.array((0.0, 0.0, np.clip(local[2], -size[1], size[1]) if self._kind == _CAPSULE else 0.0))
-            normals, depths = _radial(local - middle, size[0])
-        elif self._kind == _CYLINDER:
-            normals, depths = _radial(local * (1.0, 1.0, 0.0), size[0])
-            normals = np.vstack((normals, np.eye(3)[2], -np.eye(3)[2]))
-            depths = np.concatenate((depths, (size[1] - local[2], size[1] + local[2])))
-        elif self._kind == _PLANE:
-            normals, depths = np.eye(3)[2:], -local[2:]
-        else:
-            # The height over an ellipsoid, to first order in it, is what counts next to its surface.
-            gradient = local / size**2
-            slope, level = float(np.linalg.norm(gradient)), float(local @ gradient)
-            normals, depths = gradient[None] / max(slope, _TINY), np.array([(1.0 - level) / (2.0 * max(slope, _TINY))])
-        if (depths < -tolerance).any():
-            return None
-        return np.asarray(normals[depths <= tolerance] @ self._rotation.T)
-
-
-def _over_box(point: Sequence[float], half: Sequence[float]) -> tuple[tuple[float, ...], float]:
-    """Outward unit normal where a box is nearest to a point, and the height over it, m: negative within the box."""
-    beyond = [abs(x) - h for x, h in zip(point, half, strict=True)]
-    height = math.hypot(*(max(b, 0.0) for b in beyond))
-    if height > 0.0:
-        return tuple(math.copysign(max(b, 0.0) / height, x) for b, x in zip(beyond, point, strict=True)), height
-    height = max(beyond)
-    side = beyond.index(height)  # the nearest face
-    return tuple(math.copysign(float(i == side), x) for i, x in enumerate(point)), height
-
-
-def _radial(offset: FloatArray, radius: float) -> tuple[FloatArray, FloatArray]:
-    """Normal of a round surface towards an offset from its middle, (1, 3), and the depth of that point, m, (1,)."""
-    length = float(np.linalg.norm(offset))
-    return offset[None] / max(length, _TINY), np.array([radius - length])
-
 
 def position_tolerance(model: Any, geom: int) -> float:
     """Tolerance to which the points of a geom are known, m: 0 except for meshes, whose vertices are in single precision."""
@@ -330,34 +181,6 @@ def position_tolerance(model: Any, geom: int) -> float:
 def side_radius(model: Any, geom: int) -> float:
     """Radius of the side of a capsule or cylinder (id), m; 0 for other geoms."""
     return float(model.geom_size[geom, 0]) if model.geom_type[geom] in (_CAPSULE, _CYLINDER) else 0.0
-
-
-def lies_flat(sine: float, radius: float, tolerance: float = 0.0) -> bool:
-    """Whether a cap is in contact with a face all round its rim, not at the lowest point of it alone.
-
-    Args:
-        sine: Sine of the angle between its axis and the normal.
-        radius: Its radius, m.
-        tolerance: Tolerance to which points of the face are known, m.
-    """
-    return sine <= PARALLEL and 2.0 * radius * sine <= CONTACT_GAP_M + tolerance
-
-
-def _ends(component: float, half: float, width: float) -> tuple[float, ...]:
-    """Extreme coordinate along one axis; both ends if the direction is perpendicular to it."""
-    return (-half, half) if abs(component) <= width else (float(np.copysign(half, component)),)
-
-
-def _cylinder_points(local: FloatArray, size: FloatArray, width: float, tolerance: float) -> FloatArray:
-    """Extreme points of a cylinder, (k, 3): the fixed points of a cap, or one point of a rim, or both ends of the side."""
-    radius, half = size[:2].tolist()
-    radial = math.hypot(local[0], local[1])
-    if radial <= width and lies_flat(radial, radius, tolerance):
-        angles = 2.0 * np.pi * np.arange(_DISC_POINTS) / _DISC_POINTS
-        rim = np.column_stack((radius * np.cos(angles), radius * np.sin(angles)))
-    else:
-        rim = radius / radial * local[None, :2]
-    return np.array([[x, y, z] for z in _ends(local[2], half, width) for x, y in rim])
 
 
 def _on_circle(radius: float, one: FloatArray, other: FloatArray) -> list[FloatArray]:

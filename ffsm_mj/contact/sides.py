@@ -16,6 +16,7 @@ import numpy as np
 
 from ffsm_mj._core.boxes import BoxTree
 from ffsm_mj._core.gap_bounds import PiecesOfBody
+from ffsm_mj._core.polytopes import normals_at
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.features.body_motion import Vector
@@ -163,7 +164,7 @@ class Side:
         for piece in self.at(local, reach):
             if piece.polytope is None:
                 normals = Shape(model, data, piece.geom).normals_at(point, reach)
-            elif (normals := piece.polytope.normals_at(local, reach)) is not None:
+            elif (normals := normals_at(piece.polytope, local, reach)) is not None:
                 normals = normals @ rotation.T
             if normals is not None and piece.number in self._rods:
                 normals = normals[[not self.is_covered(piece, normal @ rotation) for normal in normals]]

@@ -20,12 +20,13 @@ import mujoco
 import numpy as np
 
 from ffsm_mj._core.polygons import corners_across
+from ffsm_mj._core.shapes import separation
 from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.cells import cells, chosen_cell, in_cone, separating_normals
 from ffsm_mj.contact.features.gap_function import Feature
 from ffsm_mj.contact.near_pieces import NearPieces
-from ffsm_mj.contact.normal import DISTANCE_LIMIT_M, separation
+from ffsm_mj.contact.normal import DISTANCE_LIMIT_M
 from ffsm_mj.contact.pairs import ContactPair, gap_rounding
 from ffsm_mj.contact.piece_pair import TwoPieces
 from ffsm_mj.contact.probe import Probe
@@ -436,7 +437,7 @@ class UnionPair(ContactPair):
         self, data: Any, meeting: Meeting, met: Iterable[tuple[Any, Any, Meeting]], near: Proximity
     ) -> FloatArray:
         """Normals of the cell in which the motion is at all points of an edge on an edge, or of the nearest one, (k, 3)."""
-        motions = np.array([self._moves(data, other.point) for _, _, other in met if meeting.chooses_with(other)])
+        motions = np.array([self._velocity.at(data, other.point) for _, _, other in met if meeting.chooses_with(other)])
         return chosen_cell(meeting.cells, motions, near.rate_tolerance, near.normal)
 
     def _patch(self, model: Any, data: Any, group: PointGroup[PiecePair]) -> UnionProximity | None:
@@ -464,7 +465,7 @@ class UnionPair(ContactPair):
         if not places:
             return None
         points, owners = every[places], tuple(group.owners[i] for i in places)
-        rates, tolerance = self._rates(data, normal, points)
+        rates, tolerance = self._velocity.along(data, normal, points)
         rounding = gap_rounding(points)
         turned = np.round(normal @ data.xmat[self.body_b].reshape(3, 3), 6) + 0.0
         patch = " ".join(map("{:g}".format, turned.tolist()))

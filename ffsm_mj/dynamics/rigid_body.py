@@ -233,12 +233,6 @@ def cross(v: FloatArray, w: FloatArray) -> FloatArray:
     return np.array((b * z - c * y, c * x - a * z, a * y - b * x))
 
 
-def cross_rows(v: FloatArray, rows: FloatArray) -> FloatArray:
-    """Cross products of a vector with each of a few rows, (k, 3): as :func:`cross`."""
-    a, b, c = v.tolist()
-    return np.array([(b * z - c * y, c * x - a * z, a * y - b * x) for x, y, z in rows.tolist()]).reshape(-1, 3)
-
-
 def rotation_matrix(quaternion: FloatArray) -> FloatArray:
     """Rotation matrix of a unit quaternion (w, x, y, z), (3, 3)."""
     matrix = np.empty(9)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj._core.shapes import separation
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.contact.normal import separation
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.probe import PartSearch, Probe
 from ffsm_mj.contact.shape import Part, Shape

@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from ffsm_mj._core.polygons import touching_set
+from ffsm_mj._core.shapes import separation
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.contact.normal import NormalSearch, SphereNormal, refine_normal, separation
-from ffsm_mj.contact.shape import PARALLEL, Shape
+from ffsm_mj.contact.normal import NormalSearch, SphereNormal, refine_normal
+from ffsm_mj.contact.shape import Shape
 from ffsm_mj.errors import InputError
+from ffsm_mj.tolerances import PARALLEL
 from tests.scenes import HEAD, ball, box, scene
 
 _hull = np.random.default_rng(5).normal(size=(14, 3))

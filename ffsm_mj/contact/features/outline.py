@@ -14,10 +14,11 @@ import mujoco
 import numpy as np
 
 from ffsm_mj._core.polygons import hull_indices
+from ffsm_mj._core.shapes import lies_flat
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.features.body_motion import Body, Vector, cross, dot, minus, shifted, unit
 from ffsm_mj.contact.features.cores import Circle, Core, Curve, Ellipsoid, Face, Line, Point
-from ffsm_mj.contact.shape import Part, Shape, lies_flat
+from ffsm_mj.contact.shape import Part, Shape
 from ffsm_mj.dynamics.rigid_body import cross as cross_product
 from ffsm_mj.tolerances import CONTACT_GAP_M, MERGED_M, PARALLEL, STRAIGHT
 

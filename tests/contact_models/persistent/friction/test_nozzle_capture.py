@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj._core.polytopes import normals_at
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.scenario.shipped import scenarios_dir
 from tests.replays import proved
@@ -39,7 +40,7 @@ def test_the_pieces_fill_the_nozzle_and_leave_its_inside_free():
     start = np.array([-1.6, 0.0, 0.0]) - system.mj.geom_pos[geom]
     for along in np.linspace(0.0, 0.7, 15):
         point = axis.reshape(3, 3).T @ (start + along * np.eye(3)[0])
-        assert all(piece.normals_at(point, 0.0) is None for piece in pieces)
+        assert all(normals_at(piece, point, 0.0) is None for piece in pieces)
 
 
 def facet_normals():

@@ -1,0 +1,9 @@
+from typing import Any
+
+from ffsm_mj.arrays import FloatArray
+
+class RelativeVelocity:
+    roots: tuple[int, int]
+    def __init__(self, model: Any, a: int, b: int) -> None: ...
+    def at(self, data: Any, point: FloatArray) -> FloatArray: ...
+    def along(self, data: Any, normal: FloatArray, points: FloatArray) -> tuple[FloatArray, float]: ...
