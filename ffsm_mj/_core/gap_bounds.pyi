@@ -30,13 +30,6 @@ class PieceBounds:
 
 class Instant:
     time: float
-    def __init__(self, data: Any) -> None: ...
+    def __init__(self, model: Any, data: Any) -> None: ...
 
-def stay_apart(
-    pieces: tuple[PiecesOfBody, PiecesOfBody],
-    numbers: tuple[int, int],
-    roots: tuple[int, int],
-    before: Instant,
-    after: Instant,
-    least: float,
-) -> bool: ...
+def stay_apart(a: PiecesOfBody, i: int, b: PiecesOfBody, k: int, before: Instant, after: Instant, least: float) -> bool: ...

@@ -182,29 +182,29 @@ cdef class Instant:
 
     cdef readonly double time
     cdef const double[:, ::1] positions, matrices, twists, centres
+    cdef const int[::1] roots
 
-    def __init__(self, data):
+    def __init__(self, model, data):
         """Copy those in ``data``, which must be current."""
-        self.time = data.time
+        self.time, self.roots = data.time, model.body_rootid
         self.positions, self.matrices, self.twists, self.centres = (
             np.array(data.xpos), np.array(data.xmat), np.array(data.cvel), np.array(data.subtree_com)
         )
 
-    cdef void velocity(self, int body, int root, const double* point, double* out) noexcept nogil:
+    cdef void velocity(self, int body, const double* point, double* out) noexcept nogil:
         """Velocity of a point of a body, world axes, m/s."""
         cdef const double* twist = &self.twists[body, 0]
         cdef double[3] arm
         cdef int i
         for i in range(3):
-            arm[i] = point[i] - self.centres[root, i]
+            arm[i] = point[i] - self.centres[self.roots[body], i]
         cross(twist, arm, out)
         for i in range(3):
             out[i] += twist[3 + i]
 
     cdef double turning(self, int body) noexcept nogil:
         """Angular speed of a body, rad/s."""
-        cdef const double* twist = &self.twists[body, 0]
-        return sqrt(dot(twist, twist))
+        return sqrt(dot(&self.twists[body, 0], &self.twists[body, 0]))
 
 
 cdef struct Ends:
@@ -212,22 +212,20 @@ cdef struct Ends:
     double speed  # greatest one, and what turning adds to it elsewhere, m/s
 
 
-cdef Ends ends_over(
-    PiecesOfBody a, Py_ssize_t i, PiecesOfBody b, Py_ssize_t k, int root_a, int root_b, Instant at
-) noexcept:
-    """The segment of a piece of a in the axes of b, of which another piece turns with it."""
+cdef Ends ends_over(PiecesOfBody a, Py_ssize_t i, PiecesOfBody b, Py_ssize_t k, Instant at) noexcept:
+    """The segment of a piece of a, seen from a piece of b."""
     cdef Ends ends
     cdef const double* own = &at.matrices[a.body, 0]
     cdef const double* axes = &at.matrices[b.body, 0]
     cdef double[2][3] points
-    cdef double[3] rate, other, span, turned
+    cdef double[3] rate, other, half, turned
     cdef int e, j
     ends.speed = 0.0
     for e in range(2):
         for j in range(3):
             points[e][j] = dot(own + 3 * j, &a.cores[i, e, 0]) + at.positions[a.body, j]
-        at.velocity(a.body, root_a, points[e], rate)
-        at.velocity(b.body, root_b, points[e], other)
+        at.velocity(a.body, points[e], rate)
+        at.velocity(b.body, points[e], other)
         for j in range(3):
             rate[j] -= other[j]
             other[j] = points[e][j] - at.positions[b.body, j]
@@ -236,66 +234,58 @@ cdef Ends ends_over(
             ends.rates[e][j] = axes[j] * rate[0] + axes[3 + j] * rate[1] + axes[6 + j] * rate[2]
         ends.speed = max(ends.speed, sqrt(dot(rate, rate)))
     for j in range(3):
-        span[j] = 0.5 * (points[1][j] - points[0][j])
-    cross(&at.twists[a.body, 0], span, turned)
+        half[j] = 0.5 * (points[1][j] - points[0][j])
+    cross(&at.twists[a.body, 0], half, turned)
     ends.speed += sqrt(dot(turned, turned)) + at.turning(b.body) * b.radii[k]
     return ends
 
 
 cdef bint is_parted(
-    PiecesOfBody a, Py_ssize_t i, PiecesOfBody b, Py_ssize_t k, int root_a, int root_b, Instant before, Instant after,
-    double least
+    PiecesOfBody a, Py_ssize_t i, PiecesOfBody b, Py_ssize_t k, Instant before, Instant after, double least
 ) noexcept:
-    """Whether a face of a piece of b has the segment of a piece of a over it, by its radius and more, from one state to another."""
-    cdef Ends first = ends_over(a, i, b, k, root_a, root_b, before), last = ends_over(a, i, b, k, root_a, root_b, after)
+    """Whether the segment of a piece of a stays over a face of a piece of b, by its radius and a distance."""
+    cdef Ends first = ends_over(a, i, b, k, before), last = ends_over(a, i, b, k, after)
     cdef double duration = after.time - before.time
     cdef double angle = duration * max(
         before.turning(a.body) + before.turning(b.body), after.turning(a.body) + after.turning(b.body)
     )
     # Between two times an angle apart, a component of what turns goes beyond its values there by angle^2 / 8 of its size.
     cdef double slack = (_MARGIN + 0.125 * angle * angle) * max(first.speed, last.speed)
-    cdef double start, end, rate, other, falls, rises
+    cdef double level, start, end, rate, other, falls, rises
     cdef const double* n
     cdef Py_ssize_t f
     cdef int e
-    cdef bint is_clear
     for f in range(b.offsets.shape[1]):
         if b.offsets[k, f] == INFINITY:
             break
-        n, is_clear = &b.normals[k, f, 0], True
+        n, level = &b.normals[k, f, 0], b.offsets[k, f] + a.widths[i] + least
         for e in range(2):
-            start = dot(n, first.places[e]) - b.offsets[k, f] - a.widths[i] - least
-            end = dot(n, last.places[e]) - b.offsets[k, f] - a.widths[i] - least
+            start, end = dot(n, first.places[e]) - level, dot(n, last.places[e]) - level
             rate, other = dot(n, first.rates[e]), dot(n, last.rates[e])
             # The height is above a line that falls from the start, and above one that rises to the end.
             falls, rises = slack - min(rate, other), slack + max(rate, other)
-            if not (
-                start > 0.0 and end > 0.0
-                and (falls <= 0.0 or rises <= 0.0 or start * rises + end * falls > duration * falls * rises)
+            if not (start > 0.0 and end > 0.0) or (
+                falls > 0.0 and rises > 0.0 and start * rises + end * falls <= duration * falls * rises
             ):
-                is_clear = False
                 break
-        if is_clear:
+        else:
             return True
     return False
 
 
 def stay_apart(
-    pieces not None, numbers not None, roots not None, Instant before not None, Instant after not None, double least
+    PiecesOfBody a not None, Py_ssize_t i, PiecesOfBody b not None, Py_ssize_t k,
+    Instant before not None, Instant after not None, double least
 ):
-    """Whether a face of one of two pieces certainly parts them from the state at the start of a step to that at its end.
+    """Whether a face of one of two pieces certainly parts them from the start of a step to its end, by a distance in m.
 
     Args:
-        pieces: The pieces of both bodies (:class:`PiecesOfBody`).
-        numbers: The numbers of the two among them.
-        roots: Roots of the kinematic trees of both bodies.
-        before: The start.
-        after: The end.
-        least: Distance that must be left, m.
+        a: Pieces of one body.
+        i: Number of one of them.
+        b: Pieces of the other body.
+        k: Number of one of them.
+        before: State at the start.
+        after: State at the end.
+        least: The distance.
     """
-    cdef PiecesOfBody a = pieces[0], b = pieces[1]
-    cdef Py_ssize_t i = numbers[0], k = numbers[1]
-    cdef int root_a = roots[0], root_b = roots[1]
-    return is_parted(a, i, b, k, root_a, root_b, before, after, least) or is_parted(
-        b, k, a, i, root_b, root_a, before, after, least
-    )
+    return is_parted(a, i, b, k, before, after, least) or is_parted(b, k, a, i, before, after, least)

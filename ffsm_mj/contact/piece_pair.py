@@ -83,9 +83,8 @@ class TwoPieces(ContactPair):
 
     def stays_apart(self, before: Instant, after: Instant) -> bool:
         """Whether they certainly do not touch from the start of a step to its end, given the states there."""
-        a, b = self._sides
-        numbers = self.pieces[0].number, self.pieces[1].number
-        return stay_apart((a.bounding, b.bounding), numbers, self._velocity.roots, before, after, DISTANCE_QUERY_M)
+        (a, b), (one, other) = self._sides, self.pieces
+        return stay_apart(a.bounding, one.number, b.bounding, other.number, before, after, DISTANCE_QUERY_M)
 
     def alone(self, model: Any, data: Any) -> Proximity:
         """Gap, normal, points and rates of these two pieces as if there were no others."""

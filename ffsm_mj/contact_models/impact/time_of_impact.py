@@ -351,7 +351,7 @@ class Detector(EventSource, Replayable):
 
     def _instant(self) -> Instant | None:
         """The state in ``data``, for pairs of pieces; None: there are none."""
-        return Instant(self._data) if self._has_pieces else None
+        return Instant(self._model, self._data) if self._has_pieces else None
 
     def _note_instant(self) -> None:
         """Note the state at the end of a step, at which the next one may start."""
