@@ -14,12 +14,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from ffsm_mj._core.turning import along, flat, tangents, turning
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.patch import Cap, caps_of
 from ffsm_mj.contact.shape import Shape
@@ -45,6 +46,7 @@ class Proximity:
         rate_tolerance: Gap rates within this of zero, in m/s, are rounding: the point neither approaches nor separates.
         rounding: Rounding of the gap, m.
         patch: Name of its patch among those of a pair of unions; empty for other pairs, which have one.
+        features: Its contact features once they have been determined, see :func:`~.features.search.features`.
     """
 
     gap: float
@@ -54,6 +56,7 @@ class Proximity:
     rate_tolerance: float
     rounding: float
     patch: str = ""
+    features: list[Any] = field(init=False, repr=False, compare=False, default_factory=list)
 
     @property
     def extreme_points(self) -> int:
@@ -172,32 +175,18 @@ def _turning(
     motions: tuple[PointMotion, PointMotion],
     normal: FloatArray,
     points: tuple[FloatArray, FloatArray],
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Rate of the normal, and velocities of the contact point over both surfaces, (3,) each in world axes.
-
-    Six linear equations in the tangent plane: two per surface, and the condition that the contact points stay opposite. They
-    may be singular (a face on a face has no defined contact point); the least-norm solution then serves.
-    """
-    system, right = np.zeros((6, 6)), np.zeros(6)
-    across, tangents = np.eye(2), np.linalg.svd(normal[None])[2][1:]
-    caps = caps_of(*shapes, normal)
-    flats = _flats(shapes, normal, points, caps, tangents)
-    for k, (shape, motion, cap, flat, outward) in enumerate(zip(shapes, motions, caps, flats, (1.0, -1.0), strict=True)):
-        turn = tangents @ cross(motion.omega, normal)
-        radii = np.zeros((2, 2)) if cap else outward * tangents @ shape.radii(outward * normal) @ tangents.T
-        bound = flat - (across - flat) @ radii
-        rows = slice(2 * k, 2 * k + 2)
+) -> FloatArray:
+    """Rate of the normal, and velocities of the contact point over both surfaces, world axes, (3, 3)."""
+    axes, caps = tangents(normal), caps_of(*shapes, normal)
+    flats = _flats(shapes, normal, points, caps, axes)
+    sides: list[tuple[FloatArray, FloatArray, FloatArray, FloatArray | None, float]] = []
+    for shape, motion, cap, projector, point, outward in zip(shapes, motions, caps, flats, points, (1.0, -1.0), strict=True):
         # A cap is perpendicular to the normal only to within the tilt at which it counts as flat: as the contact slides
         # along the rim, n . t = 0 for its tangent t, which turns.
-        along_rim = _rank(flat) == 1
-        curved = cap.rise(points[k], normal) / cap.radius * flat if cap and along_rim else np.zeros((2, 2))
-        system[rows, :2], system[rows, 2 + 2 * k : 4 + 2 * k] = bound, across - flat - curved
-        right[rows] = bound @ turn
-    gap = float(normal @ (points[1] - points[0]))
-    system[4:] = np.hstack((-gap * across, -across, across))
-    right[4:] = -(tangents @ (motions[1].velocity - motions[0].velocity))
-    solution = np.linalg.lstsq(system, right, rcond=None)[0].reshape(3, 2) @ tangents
-    return solution[0], solution[1], solution[2]
+        tilting = cap.rise(point, normal) / cap.radius if cap and _rank(projector) == 1 else 0.0
+        radii = None if cap else shape.radii(outward * normal)
+        sides.append((motion.velocity, motion.omega, projector, radii, tilting))
+    return turning(normal, axes, float(normal @ (points[1] - points[0])), *sides)
 
 
 def _flats(
@@ -205,51 +194,35 @@ def _flats(
     normal: FloatArray,
     points: tuple[FloatArray, FloatArray],
     caps: tuple[Cap | None, Cap | None],
-    tangents: FloatArray,
+    axes: FloatArray,
 ) -> Sequence[FloatArray]:
     """Projectors on the flat directions of both features at the contact point, (2, 2) each."""
     first, second = caps
     if first and second:
-        return _flats_of_caps(first, second, points, tangents)
+        return _flats_of_caps(first, second, points, axes)
     flats = [
-        np.eye(2) if shape.is_plane else _flat(tangents @ (shape.extreme(outward * normal, PARALLEL) - point).T)
+        np.eye(2) if shape.is_plane else flat(shape.extreme(outward * normal, PARALLEL), point, axes, AT_END)
         for shape, point, outward in zip(shapes, points, (1.0, -1.0), strict=True)
     ]
-    return [flats[k] if cap is None else _flat_of_cap(cap, points[k], tangents, flats[1 - k]) for k, cap in enumerate(caps)]
+    return [flats[k] if cap is None else _flat_of_cap(cap, points[k], axes, flats[1 - k]) for k, cap in enumerate(caps)]
 
 
-def _flat(points: FloatArray) -> FloatArray:
-    """Projector on the flat directions at the contact point, (2, 2), of a feature with these extreme points, (2, k)."""
-    spread = points.T
-    reach = AT_END * float(np.abs(spread).max(initial=0.0))
-    if len(spread) < 2 or float(np.linalg.norm(spread, axis=1).min()) <= reach:
-        return np.zeros((2, 2))  # a single point, or the contact is at a corner
-    if len(spread) == 2:
-        return _along(spread[1] - spread[0])
-    order = np.argsort(np.arctan2(*(spread - spread.mean(axis=0)).T))
-    for p, q in zip(spread[order], np.roll(spread[order], -1, axis=0), strict=True):
-        side = q - p
-        if abs(p[0] * side[1] - p[1] * side[0]) <= reach * float(np.linalg.norm(side)):
-            return _along(side)  # the contact is on a side of the face
-    return np.eye(2)
-
-
-def _flat_of_cap(cap: Cap, point: FloatArray, tangents: FloatArray, other: FloatArray) -> FloatArray:
+def _flat_of_cap(cap: Cap, point: FloatArray, axes: FloatArray, other: FloatArray) -> FloatArray:
     """The same at a point of a cap: all directions within it, and on its rim the tangent if an edge crosses it there.
 
     On a face, a point of the rim is a material point of the body, like the fixed points of the rim.
     """
-    along = _along_rim(cap, point, tangents)
-    if along is None:
+    rim = _along_rim(cap, point, axes)
+    if rim is None:
         return np.eye(2)
-    return along if _rank(other) == 1 else np.zeros((2, 2))
+    return rim if _rank(other) == 1 else np.zeros((2, 2))
 
 
 def _flats_of_caps(
-    first: Cap, second: Cap, points: tuple[FloatArray, FloatArray], tangents: FloatArray
+    first: Cap, second: Cap, points: tuple[FloatArray, FloatArray], axes: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """The same where two caps lie on each other: both tangents where the rims cross, else a point of one rim on a face."""
-    one, other = (_along_rim(cap, point, tangents) for cap, point in zip((first, second), points, strict=True))
+    one, other = (_along_rim(cap, point, axes) for cap, point in zip((first, second), points, strict=True))
     face, corner = np.eye(2), np.zeros((2, 2))
     if one is None:
         return face, corner
@@ -259,17 +232,13 @@ def _flats_of_caps(
     return (one, other) if 1.0 - float(np.trace(one @ other)) > CROSSING**2 else (corner, face)
 
 
-def _along_rim(cap: Cap, point: FloatArray, tangents: FloatArray) -> FloatArray | None:
+def _along_rim(cap: Cap, point: FloatArray, axes: FloatArray) -> FloatArray | None:
     """Projector on the tangent of the rim of a cap at one of its points, (2, 2); None for other points."""
-    rim = tangents @ (point - cap.centre)
+    rim = axes @ (point - cap.centre)
     if abs(float(np.linalg.norm(rim)) - cap.radius) > 2.0 * AT_END * cap.radius:
         return None
-    return _along(np.array((-rim[1], rim[0])))
+    return along(-rim[1], rim[0])
 
 
 def _rank(projector: FloatArray) -> int:
     return round(float(np.trace(projector)))
-
-
-def _along(direction: FloatArray) -> FloatArray:
-    return np.asarray(np.outer(direction, direction) / (direction @ direction))

@@ -55,18 +55,24 @@ def features(pair: ContactPair, model: Any, data: Any, near: Proximity) -> tuple
         pair: Two geoms.
         model: MuJoCo model.
         data: Its data, positions and velocities current.
-        near: The pair's gap and normal there.
+        near: The pair's gap and normal there, at this state alone: it keeps the features.
 
     Returns:
         Features with a gap of at most CONTACT_GAP_M, or that of the pair if larger, and no further than FEATURE_BOUND_M / 2
         outside their bounds. A face on a face has several; there are none if only vertices or edges meet vertices or
         parallel edges.
     """
+    if not near.features:
+        near.features.extend(_determined(pair, model, data, near))
+    return tuple(near.features)
+
+
+def _determined(pair: ContactPair, model: Any, data: Any, near: Proximity) -> Iterable[Feature]:
     if isinstance(pair, ConePair):
-        return tuple(pair.features_at(model, data, near))
+        return pair.features_at(model, data, near)
     if isinstance(near, UnionProximity):
         return _of_patch(near, model, data)
-    return tuple(_search(pair, model, data, near).all())
+    return _search(pair, model, data, near).all()
 
 
 def _search(
@@ -81,7 +87,7 @@ def _search(
     return _Search(a, b, data, near)
 
 
-def _of_patch(near: UnionProximity, model: Any, data: Any) -> tuple[Feature, ...]:
+def _of_patch(near: UnionProximity, model: Any, data: Any) -> list[Feature]:
     """Features at the points of a patch of two unions: those of its pieces, on the faces and edges of the unions.
 
     Pieces of other rules have theirs in the plane, too: a point over a seam of two rules is on one of them.
@@ -110,7 +116,7 @@ def _of_patch(near: UnionProximity, model: Any, data: Any) -> tuple[Feature, ...
         # The highest-dimensional contact wins, as between two geoms.
         if closed:
             break
-    return tuple(feature for feature, _, pair in closed if pair.union is mine)
+    return [feature for feature, _, pair in closed if pair.union is mine]
 
 
 def _is_covered(feature: GapFunction, pair: PiecePair) -> bool:

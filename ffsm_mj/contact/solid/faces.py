@@ -105,7 +105,7 @@ class UnionFace:
 
     def _hull(self) -> FloatArray:
         """Corners of the hull of the outline, counter-clockwise seen from outside, (k, 3)."""
-        points = np.unique(self.boundary.reshape(-1, 3), axis=0)
+        points = np.array(sorted(set(map(tuple, self.boundary.reshape(-1, 3).tolist()))))
         across = np.eye(3)[int(np.argmin(np.abs(self.normal)))]
         u = cross(across, self.normal)
         u /= np.linalg.norm(u)
@@ -169,8 +169,6 @@ class _Outlines:
 
     def __init__(self, normal: FloatArray, polygons: Sequence[FloatArray], tolerance: float) -> None:
         self._normal, self._polygons, self._tolerance = normal, polygons, tolerance
-        self._shapes = [_half_planes_of(normal, polygon) for polygon in polygons]
-        self._tree = BoxTree(np.array([[polygon.min(axis=0), polygon.max(axis=0)] for polygon in polygons]))
         self._owner = {side: k for k, polygon in enumerate(polygons) for side in _keys(polygon)}
 
     def united(self) -> tuple[list[list[FloatArray]], list[list[int]]]:
@@ -200,11 +198,19 @@ class _Outlines:
             members.setdefault(root(k), []).append(k)
         return outlines, [*members.values()]
 
+    @cached_property
+    def _shapes(self) -> list[tuple[FloatArray, FloatArray]]:
+        return [_half_planes_of(self._normal, polygon) for polygon in self._polygons]
+
+    @cached_property
+    def _tree(self) -> BoxTree:
+        return BoxTree(np.array([[polygon.min(axis=0), polygon.max(axis=0)] for polygon in self._polygons]))
+
     def _covered(self, k: int, start: FloatArray, end: FloatArray) -> list[tuple[float, float, int]]:
         """Intervals of a side in m beyond which other polygons lie, with these polygons."""
         span = end - start
         length = float(np.linalg.norm(span))
-        if length <= self._tolerance:
+        if length <= self._tolerance or len(self._polygons) == 1:
             return []
         along = span / length
         outward = cross(along, self._normal)

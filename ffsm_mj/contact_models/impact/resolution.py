@@ -37,6 +37,9 @@ from ffsm_mj.dynamics.rigid_body import kinetic_energy, mass_matrix, momentum_ma
 from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.tolerances import CONTACT_GAP_M, RANK
 
+DEFAULT_LAW = "blend"
+"""Law of :func:`resolve` unless another is named; at e = 0, without friction, its result is the plastic one."""
+
 
 @dataclass(frozen=True)
 class Contact:
@@ -396,7 +399,7 @@ def resolve(
     model: Any,
     data: Any,
     contacts: Sequence[Contact | LimitContact],
-    law: str = "blend",
+    law: str = DEFAULT_LAW,
     constrained: Constrained | None = None,
 ) -> Impact:
     """Resolve an impact at the configuration and velocity in ``data``, which keeps its velocity.

@@ -27,6 +27,7 @@ from ffsm_mj.contact.proximity import Proximity, SecondRate
 from ffsm_mj.contact_models.impact.friction.result import tangents
 from ffsm_mj.contact_models.impact.laws import least_norm, project
 from ffsm_mj.contact_models.impact.resolution import (
+    DEFAULT_LAW,
     ClosedPairs,
     Contact,
     Impact,
@@ -57,10 +58,11 @@ def pressing_accelerations(
         impact: The impact; only its contacts count.
         motion: The current motion.
     """
-    contacts = impact.contacts
+    contacts, plastic = impact.contacts, impact
     # Coriolis forces that press depend on velocities: those that remain once the contacts are at rest decide.
-    stopped = [replace(contact, restitution=0.0) for contact in contacts]
-    plastic = resolve(motion.model, motion.data, stopped, constrained=motion.constrained)
+    if impact.law != DEFAULT_LAW or any(contact.restitution > 0.0 for contact in contacts):
+        stopped = [replace(contact, restitution=0.0) for contact in contacts]
+        plastic = resolve(motion.model, motion.data, stopped, constrained=motion.constrained)
     with _without_contacts(motion, plastic.after.qvel):
         rates = [pair.second_rate(model, data, near, point) for pair, near, point in points]
         rounding = np.array([rate.rounding for rate in rates])
