@@ -39,7 +39,7 @@ from ffsm_mj.dynamics.rigid_body import (
 from ffsm_mj.dynamics.site_motion import MovingFrame, SiteMotion
 from ffsm_mj.dynamics.stack_momentum import StackMomentum
 from ffsm_mj.dynamics.trajectories import MinimumJerk, TargetMotion
-from ffsm_mj.errors import ControllerError, Fault, ScenarioFaults, unknown_name
+from ffsm_mj.errors import ControllerError, Fault, Faults, ScenarioFaults, faults_below, unknown_name
 from ffsm_mj.fields.orbit import LvlhAxes, Orbit
 from ffsm_mj.model.actuators import is_servo
 from ffsm_mj.model.driven_joints import (
@@ -84,6 +84,7 @@ __all__ = [
     "Estimator",
     "ExternalCommand",
     "Fault",
+    "Faults",
     "FieldForces",
     "FileName",
     "Finishes",
@@ -130,6 +131,7 @@ __all__ = [
     "drives_rotation",
     "entries",
     "external_actuators",
+    "faults_below",
     "free_components",
     "identifier",
     "is_servo",

@@ -14,9 +14,9 @@ import numpy as np
 from pydantic import Field, PositiveFloat, model_validator
 
 from ffsm_controllers.finger_directions import closing_signs
-from ffsm_controllers.joint_servo import JointServo, ServoConfig, joint_range, refuse_outside_range
+from ffsm_controllers.joint_law import JointLaw
+from ffsm_controllers.joint_servo import ServoConfig, joint_range, refuse_positions
 from ffsm_controllers.pd import per_joint
-from ffsm_controllers.setpoints import Setpoints
 from ffsm_mj.controller_protocol import (
     Command,
     ControllerContext,
@@ -24,11 +24,9 @@ from ffsm_mj.controller_protocol import (
     DrivenJoints,
     Fault,
     FloatArray,
-    IntArray,
     Observation,
     ScenarioFaults,
     Signal,
-    Stateful,
     System,
 )
 
@@ -68,7 +66,7 @@ class GripperConfig(ServoConfig):
         return self
 
 
-class Gripper(Stateful):
+class Gripper(JointLaw):
     """Fingers that open, close, or press."""
 
     @dataclass
@@ -87,13 +85,10 @@ class Gripper(Stateful):
         Raises:
             ScenarioFaults: An unknown joint, an end that is not known, or a hinge without lever whose force is stated.
         """
-        system, self._setpoints = context.system, Setpoints.of(config, context)
+        super().__init__(config, context)
+        system = context.system
         if self._setpoints is not None:
-            _refuse_force(config, system, self._setpoints.joints)
-            self._joints = self._setpoints.joints
-        else:
-            self._servo = JointServo(config, context)
-            self._joints = self._servo.model.joints
+            _refuse_force(config, system, self._joints)
         self._end: FloatArray | None = None
         if config.action is not None:
             self._end = _end(config, system, self._joints.names)
@@ -104,21 +99,11 @@ class Gripper(Stateful):
             if config.action is None:
                 self._push = np.sign(config.force_N) * self._most * _closing(config, system, self._joints.names)
 
-    @property
-    def driven_actuators(self) -> IntArray:
-        """Motors or servos of the fingers."""
-        return self._joints.actuators
-
-    def start_faults(self, data: Any) -> Sequence[Fault]:
-        """Joints that depend on each other."""
-        return self._servo.model.start_faults(data) if self._setpoints is None else ()
-
     def start(self, observation: Observation) -> None:
         """Take the gains."""
         data = observation.data
         if self._end is not None and self._setpoints is None:
-            mass = self._servo.reduced_mass(data, data.qpos[self._joints.qpos])
-            self._stiffness[:], self._damping[:] = self._servo.stiffness * mass, self._servo.damping * mass
+            self._stiffness[:], self._damping[:] = self.gains_at(data, data.qpos[self._joints.qpos])
 
     def control(self, observation: Observation, command: Command) -> None:
         """Drive the fingers."""
@@ -134,7 +119,7 @@ class Gripper(Stateful):
 
     def damping_at(self, data: Any) -> Damping | None:
         """That of the feedback; None where the fingers are only pushed, or driven by servos."""
-        return self._servo.damping_at(data) if self._end is not None and self._setpoints is None else None
+        return super().damping_at(data) if self._end is not None else None
 
     def telemetry(self) -> Sequence[float]:
         """Nothing to report."""
@@ -166,7 +151,7 @@ def _end(config: GripperConfig, system: System, names: Sequence[str]) -> FloatAr
     stated = config.closed_at if config.action == "close" else config.open_at
     if stated is not None:
         positions = per_joint(stated, len(names), key)
-        refuse_outside_range(system, names, positions.tolist(), (key,))
+        refuse_positions(system, names, positions.tolist(), (key,))
         return positions
     low, high = np.array([joint_range(system, name) for name in names]).T
     unlimited = [name for name, ends in zip(names, np.isfinite(low), strict=True) if not ends]

@@ -4,24 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from ffsm_controllers.joint_errors import JointErrors
-from ffsm_controllers.joint_servo import JointServo, ServoConfig, refuse_outside_range
-from ffsm_controllers.setpoints import Setpoints
+from ffsm_controllers.joint_law import JointLaw
+from ffsm_controllers.joint_servo import ServoConfig, refuse_positions
 from ffsm_mj.controller_protocol import (
     Command,
     ControllerContext,
     ControllerReport,
-    Damping,
-    Fault,
     FloatArray,
-    IntArray,
     Observation,
-    ScenarioFaults,
-    Stateful,
 )
 
 
@@ -36,7 +31,7 @@ class HoldConfig(ServoConfig):
     """Position of each joint, rad or m; left out: those at the start of the phase."""
 
 
-class Hold(Stateful):
+class Hold(JointLaw):
     """Joint PD whose constant gains give a stated bandwidth where it holds.
 
     Stiffness and damping are symmetric and positive, so that energy and stiffness bound the motion whatever its size.
@@ -59,19 +54,11 @@ class Hold(Stateful):
         Raises:
             ScenarioFaults: An unknown joint, positions that do not fit them, or a bandwidth beyond the control period's.
         """
-        system, self._setpoints = context.system, Setpoints.of(config, context)
-        if self._setpoints is not None:
-            self._joints = self._setpoints.joints
-        else:
-            self._servo = JointServo(config, context)
-            self._joints = self._servo.model.joints
-        names = self._joints.names
+        super().__init__(config, context)
+        system, names = context.system, self._joints.names
         self._fixed: FloatArray | None = None
         if config.positions is not None:
-            if len(config.positions) != len(names):
-                message = f"{len(config.positions)} values for {len(names)} joints; write one each: {', '.join(names)}"
-                raise ScenarioFaults([Fault(message, ("positions",))])
-            refuse_outside_range(system, names, config.positions, ("positions",))
+            refuse_positions(system, names, config.positions, ("positions",))
             if self._setpoints is not None:
                 self._setpoints.refuse_outside_range(config.positions, ("positions",))
             self._fixed = np.array(config.positions)
@@ -80,22 +67,12 @@ class Hold(Stateful):
         self._errors = JointErrors(system, names, "hold", "largest distance of a joint from where it is held")
         self.telemetry_signals = self._errors.signals
 
-    @property
-    def driven_actuators(self) -> IntArray:
-        """Motors or servos of the joints."""
-        return self._joints.actuators
-
-    def start_faults(self, data: Any) -> Sequence[Fault]:
-        """Joints that depend on each other."""
-        return self._servo.model.start_faults(data) if self._setpoints is None else ()
-
     def start(self, observation: Observation) -> None:
         """Take the reference, and the gains there."""
         data = observation.data
         self._reference[:] = data.qpos[self._joints.qpos] if self._fixed is None else self._fixed
         if self._setpoints is None:
-            mass = self._servo.reduced_mass(data, self._reference)
-            self._stiffness[:], self._damping[:] = self._servo.stiffness * mass, self._servo.damping * mass
+            self._stiffness[:], self._damping[:] = self.gains_at(data, self._reference)
 
     def control(self, observation: Observation, command: Command) -> None:
         """Drive the joints towards the reference."""
@@ -107,10 +84,6 @@ class Hold(Stateful):
             effort = -self._stiffness.dot(error) - self._damping.dot(data.qvel[joints.dofs])
             command.drive(joints.actuators, effort)
         self._errors.look(error)
-
-    def damping_at(self, data: Any) -> Damping | None:
-        """That of the feedback; its gains are for the positions in ``data``. None: servos have it."""
-        return self._servo.damping_at(data) if self._setpoints is None else None
 
     def telemetry(self) -> Sequence[float]:
         """Largest distance from the reference, of hinges in rad and of slides in m."""

@@ -19,6 +19,7 @@ from ffsm_mj.controller_protocol import (
     ControllerContext,
     Damping,
     Fault,
+    Faults,
     FloatArray,
     ScenarioFaults,
     StrictModel,
@@ -128,10 +129,8 @@ def _refuse_unstable(config: ServoConfig, period_s: float) -> None:
         raise ScenarioFaults([Fault(message, (key,))])
 
 
-def refuse_outside_range(
-    system: System, joints: Sequence[str], positions: Sequence[float], path: tuple[str | int, ...]
-) -> None:
-    """Refuse positions beyond the ranges of limited joints.
+def refuse_positions(system: System, joints: Sequence[str], positions: Sequence[float], path: tuple[str | int, ...]) -> None:
+    """Refuse positions of another number than the joints, and those beyond the ranges of limited joints.
 
     Args:
         system: The system.
@@ -140,15 +139,16 @@ def refuse_outside_range(
         path: Keys of the list of positions.
 
     Raises:
-        ScenarioFaults: One or more are beyond.
+        ScenarioFaults: The number is another one, or one or more are beyond.
     """
-    faults = []
-    for i, (name, position) in enumerate(zip(joints, positions, strict=True)):
-        low, high = joint_range(system, name)
-        if not low <= position <= high:
-            faults.append(Fault(f"{position:g} is beyond the range of {name}, [{low:g}, {high:g}]", (*path, i)))
-    if faults:
-        raise ScenarioFaults(faults)
+    if len(positions) != len(joints):
+        message = f"{len(positions)} values for {len(joints)} joints; write one each: {', '.join(joints)}"
+        raise ScenarioFaults([Fault(message, path)])
+    with Faults() as faults:
+        for i, (name, position) in enumerate(zip(joints, positions, strict=True)):
+            low, high = joint_range(system, name)
+            if not low <= position <= high:
+                faults.add(f"{position:g} is beyond the range of {name}, [{low:g}, {high:g}]", *path, i)
 
 
 def joint_range(system: System, name: str) -> tuple[float, float]:

@@ -20,6 +20,7 @@ from ffsm_mj.controller_protocol import (
     ControllerContext,
     DrivenJoints,
     Fault,
+    Faults,
     FloatArray,
     ScenarioFaults,
     SetpointLaw,
@@ -93,15 +94,11 @@ class Setpoints:
             ScenarioFaults: One or more are beyond.
         """
         data, model, names = mujoco.MjData(self._model), self._model, self._system.names("actuator")
-        faults = []
-        for i, setpoint in zip(self.joints.actuators.tolist(), self.at(data, np.array(positions)).tolist(), strict=True):
-            low, high = model.actuator_ctrlrange[i].tolist()
-            if model.actuator_ctrllimited[i] and not low <= setpoint <= high:
-                faults.append(
-                    Fault(f"need the setpoint {setpoint:g} of {names[i]}, beyond its range [{low:g}, {high:g}]", path)
-                )
-        if faults:
-            raise ScenarioFaults(faults)
+        with Faults() as faults:
+            for i, setpoint in zip(self.joints.actuators.tolist(), self.at(data, np.array(positions)).tolist(), strict=True):
+                low, high = model.actuator_ctrlrange[i].tolist()
+                if model.actuator_ctrllimited[i] and not low <= setpoint <= high:
+                    faults.add(f"need the setpoint {setpoint:g} of {names[i]}, beyond its range [{low:g}, {high:g}]", *path)
 
 
 def _setpoint_laws(joints: DrivenJoints, system: System) -> list[SetpointLaw]:

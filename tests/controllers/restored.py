@@ -206,6 +206,6 @@ def declared(package: str) -> set[str]:
     found, kinds = set(), [Stateful]
     for kind in kinds:
         kinds += kind.__subclasses__()
-        if kind is not Stateful and kind.__module__.startswith(package):
+        if hasattr(kind, "State") and kind.__module__.startswith(package):
             found |= {_declared_as(kind, name) for name in kind.State.__dataclass_fields__}
     return found

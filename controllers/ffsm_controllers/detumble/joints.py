@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ffsm_controllers.detumble.config import DetumbleArm, DetumbleConfig
-from ffsm_controllers.joint_servo import refuse_outside_range
+from ffsm_controllers.joint_servo import refuse_positions
 from ffsm_mj.controller_protocol import (
     ControllerContext,
     Fault,
+    Faults,
     IntArray,
     ScenarioFaults,
     StackMomentum,
@@ -40,19 +41,17 @@ def detumble_joints(config: DetumbleConfig, context: ControllerContext, stack: S
     Raises:
         ScenarioFaults: See :class:`ffsm_controllers.detumble.law.Detumble`.
     """
-    faults, wheels = [], []
-    for i, name in enumerate(config.wheels):
-        try:
-            wheels.append(stack.wheels.index(_joint_of(name, context)))
-        except LookupError as error:
-            faults.append(Fault(str(error.args[0]), ("wheels", i)))
-        except ValueError:
-            faults.append(Fault(_no_rotor(name, context, stack), ("wheels", i)))
-    twice = [i for i, wheel in enumerate(wheels) if wheel in wheels[:i]]
-    faults += [Fault("is in the list twice", ("wheels", i)) for i in twice]
-    faults += _rate_faults(config, context.control_period_s)
-    if faults:
-        raise ScenarioFaults(faults)
+    wheels: list[int] = []
+    with Faults() as faults:
+        for i, name in enumerate(config.wheels):
+            with faults.below("wheels", i):
+                joint = _joint_of(name, context)
+                if joint not in stack.wheels:
+                    raise LookupError(_no_rotor(name, context, stack))
+                wheels.append(stack.wheels.index(joint))
+        for i in [i for i, wheel in enumerate(wheels) if wheel in wheels[:i]]:
+            faults.add("is in the list twice", "wheels", i)
+        faults.collected += _rate_faults(config, context.control_period_s)
     names = tuple(stack.wheels[i] for i in wheels)
     arm = _arm(config.arm, context, stack)
     both = [name for name in arm if name in names]
@@ -102,11 +101,7 @@ def _arm(config: DetumbleArm, context: ControllerContext, stack: StackMomentum) 
             return ()  # a robot without an arm
         raise ScenarioFaults([Fault(f.message, ("arm", *f.path)) for f in error.faults]) from error
     if config.positions is not None:
-        path = ("arm", "positions")
-        if len(config.positions) != len(names):
-            message = f"{len(config.positions)} values for {len(names)} joints; write one each: {', '.join(names)}"
-            raise ScenarioFaults([Fault(message, path)])
-        refuse_outside_range(system, names, config.positions, path)
+        refuse_positions(system, names, config.positions, ("arm", "positions"))
     return names
 
 

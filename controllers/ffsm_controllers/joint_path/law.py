@@ -16,30 +16,28 @@ import numpy as np
 from ffsm_controllers.allocation import moments, unit_moments
 from ffsm_controllers.endings import TIME_TOLERANCE_S
 from ffsm_controllers.joint_errors import JointErrors
+from ffsm_controllers.joint_law import JointLaw
 from ffsm_controllers.joint_path.config import JointPathConfig
 from ffsm_controllers.joint_path.limits import Bounds, PathLimits
-from ffsm_controllers.joint_servo import JointServo, joint_range, refuse_outside_range
+from ffsm_controllers.joint_servo import joint_range, refuse_positions
 from ffsm_controllers.pd import per_joint
-from ffsm_controllers.setpoints import Setpoints
 from ffsm_mj.controller_protocol import (
     Command,
     ControllerContext,
     ControllerError,
     ControllerReport,
-    Damping,
     Fault,
+    Faults,
     FloatArray,
-    IntArray,
     MinimumJerk,
     Observation,
     ScenarioFaults,
-    Stateful,
 )
 
 _EXCEEDS, _INSTEAD = "the path exceeds a limit", "allow it more time, or other waypoints"
 
 
-class JointPath(Stateful):
+class JointPath(JointLaw):
     """Joints through waypoints."""
 
     @dataclass
@@ -60,28 +58,19 @@ class JointPath(Stateful):
             ScenarioFaults: An unknown joint, a waypoint beyond the joints' ranges or too soon for their speed, or a
                 bandwidth that the control period cannot serve.
         """
-        self._setpoints = Setpoints.of(config, context)
+        super().__init__(config, context)
         if self._setpoints is not None:
-            self._joints = self._setpoints.joints
             _refuse_effort(config)
-        else:
-            self._servo = JointServo(config, context)
-            self._model, self._joints = self._servo.model, self._servo.model.joints
         names = self._joints.names
         bounds = _bounds(config, context, names)
         _refuse_waypoints(config, context, names, bounds.speed)
         self._waypoints = np.array([waypoint.positions for waypoint in config.waypoints])
         self._times = [waypoint.at_s for waypoint in config.waypoints]
-        self._limits = PathLimits(context, self._joints, None if self._setpoints is not None else self._model, bounds)
+        self._limits = PathLimits(context, self._joints, None if self._setpoints is not None else self._servo.model, bounds)
         self._mj, self._unit = context.system.mj, unit_moments(context.system.mj)
         self._start_s, self._begin, self._faults = 0.0, np.zeros((2, len(names))), list[str]()
         self._errors = JointErrors(context.system, names, "path", "largest distance of a joint from its path")
         self.telemetry_signals = self._errors.signals
-
-    @property
-    def driven_actuators(self) -> IntArray:
-        """Motors or servos of the joints."""
-        return self._joints.actuators
 
     def start(self, observation: Observation) -> None:
         """Lay the path from here."""
@@ -94,7 +83,7 @@ class JointPath(Stateful):
     def start_faults(self, data: Any) -> Sequence[Fault]:
         """Limits that the path from a state exceeds."""
         joints = self._joints
-        if self._setpoints is None and (dependent := self._model.start_faults(data)):
+        if dependent := super().start_faults(data):
             return dependent
         faults = self._limits.faults(self._path_from(data.qpos[joints.qpos], data.qvel[joints.dofs]), data)
         return [Fault(f"{_EXCEEDS}: {fault}; {_INSTEAD}", ("waypoints",)) for fault in faults]
@@ -122,7 +111,7 @@ class JointPath(Stateful):
         if self._setpoints is not None:
             command.set(self._joints.actuators, self._setpoints.at(data, positions, rates))
             return
-        model, servo = self._model, self._servo
+        model, servo = self._servo.model, self._servo
         model.update(data)
         wanted = accelerations - servo.damping * (model.qd - rates) - servo.stiffness * error
         if command.others.any():
@@ -133,10 +122,6 @@ class JointPath(Stateful):
     def is_finished(self, time_s: float) -> bool:
         """Whether the path has come to its last waypoint."""
         return time_s - self._start_s >= self._times[-1] - TIME_TOLERANCE_S
-
-    def damping_at(self, data: Any) -> Damping | None:
-        """That of the feedback; None: servos have it."""
-        return self._servo.damping_at(data) if self._setpoints is None else None
 
     def telemetry(self) -> Sequence[float]:
         """Largest distance from the path, of hinges in rad and of slides in m."""
@@ -178,30 +163,18 @@ def _refuse_waypoints(config: JointPathConfig, context: ControllerContext, names
     Raises:
         ScenarioFaults: There is one.
     """
-    faults: list[Fault] = []
-    for k, waypoint in enumerate(config.waypoints):
-        path = ("waypoints", k, "positions")
-        if len(waypoint.positions) != len(names):
-            message = f"{len(waypoint.positions)} values for {len(names)} joints; write one each: {', '.join(names)}"
-            faults.append(Fault(message, path))
-            continue
-        try:
-            refuse_outside_range(context.system, names, waypoint.positions, path)
-        except ScenarioFaults as error:
-            faults += error.faults
-    if faults:
-        raise ScenarioFaults(faults)
-    times = [0.0, *(waypoint.at_s for waypoint in config.waypoints)]
-    for k, length in enumerate(np.diff(times).tolist()):
-        if length < context.control_period_s:
-            message = (
-                f"comes {length:.4g} s after the one before, less than the control period of {context.control_period_s:g} s"
-            )
-            faults.append(Fault(message, ("waypoints", k, "at_s")))
-    for k, (one, other) in enumerate(pairwise(config.waypoints)):
-        mean = np.abs(np.subtract(other.positions, one.positions)) / (other.at_s - one.at_s)
-        for i in np.flatnonzero(mean > speed).tolist():
-            message = f"{names[i]} needs a mean speed of {mean[i]:.4g} from the waypoint before, max_speed is {speed[i]:g}"
-            faults.append(Fault(message, ("waypoints", k + 1, "at_s")))
-    if faults:
-        raise ScenarioFaults(faults)
+    with Faults() as faults:
+        for k, waypoint in enumerate(config.waypoints):
+            with faults.below():
+                refuse_positions(context.system, names, waypoint.positions, ("waypoints", k, "positions"))
+    period_s, times = context.control_period_s, [0.0, *(waypoint.at_s for waypoint in config.waypoints)]
+    with Faults() as faults:
+        for k, length in enumerate(np.diff(times).tolist()):
+            if length < period_s:
+                message = f"comes {length:.4g} s after the one before, less than the control period of {period_s:g} s"
+                faults.add(message, "waypoints", k, "at_s")
+        for k, (one, other) in enumerate(pairwise(config.waypoints)):
+            mean = np.abs(np.subtract(other.positions, one.positions)) / (other.at_s - one.at_s)
+            for i in np.flatnonzero(mean > speed).tolist():
+                needed = f"{names[i]} needs a mean speed of {mean[i]:.4g} from the waypoint before"
+                faults.add(f"{needed}, max_speed is {speed[i]:g}", "waypoints", k + 1, "at_s")
