@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import Field, PositiveFloat
 
 from ffsm_controllers.pd import Gain, Quaternion
-from ffsm_mj.controller_protocol import Fault, ScenarioFaults, StrictModel, System
+from ffsm_mj.controller_protocol import Fault, ScenarioFaults, StrictModel, System, faults_below
 
 _Name = Annotated[str, Field(min_length=1)]
 
@@ -62,10 +62,8 @@ def object_site(system: System, name: str) -> int:
     Raises:
         ScenarioFaults: There is none of that name, or it is of the robot; path ``object_site``.
     """
-    try:
+    with faults_below("object_site"):
         full = system.resolve("site", name)
-    except LookupError as error:
-        raise ScenarioFaults([Fault(str(error.args[0]), ("object_site",))]) from error
     if full.startswith("robot/"):
         sites = [candidate for candidate in system.names("site") if not candidate.startswith("robot/")]
         allowed = f"write one of {', '.join(sites)}" if sites else "add one to an object's model"

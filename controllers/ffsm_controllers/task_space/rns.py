@@ -27,7 +27,7 @@ import numpy as np
 from ffsm_controllers.pd import Gain
 from ffsm_controllers.task_space.base_rotation import BaseRotation
 from ffsm_controllers.task_space.config import AttitudeAccelerations, DampedConfig, PositionAccelerations
-from ffsm_controllers.task_space.damping import joint_damping, most_unstable, output_damping
+from ffsm_controllers.task_space.damping import joint_damping
 from ffsm_controllers.task_space.singularity import damped_inverse
 from ffsm_controllers.task_space.task_law import TaskLaw
 from ffsm_mj.controller_protocol import (
@@ -136,7 +136,7 @@ class Rns(TaskLaw):
 
     def damping_at(self, data: Any) -> Damping:
         """The one that comes nearest to instability: of tip, base, or what neither feels."""
-        model, base, k = self.model, self._base, self.positions
+        model, base = self.model, self._base
         model.update(data)
         base.update(data)
         holds, N = self._null_space()
@@ -144,11 +144,6 @@ class Rns(TaskLaw):
         inverse, _ = damped_inverse(model.B.dot(reach), self._largest)
         pushes = reach.dot(inverse)
         dofs, kd = model.joints.dofs, self._gains.kd_1_s
-        dampings = [
-            output_damping(model, pushes * self._kd, "position.kd_1_s", self._kd[0], slice(0, k)),
-            joint_damping(model, self._damping, N - pushes.dot(model.B).dot(N)),
-            Damping("base.kd_1_s", dofs, np.full(len(dofs), kd), kd * holds.dot(base.W)),
-        ]
-        if len(self._kd) > k:
-            dampings.append(output_damping(model, pushes * self._kd, "attitude.kd_1_s", self._kd[k], slice(k, None)))
-        return most_unstable(model, dampings)
+        unseen = joint_damping(model, self._damping, N - pushes.dot(model.B).dot(N))
+        of_base = Damping("base.kd_1_s", dofs, np.full(len(dofs), kd), kd * holds.dot(base.W))
+        return self.least_stable(pushes, self._kd, ("position.kd_1_s", "attitude.kd_1_s"), unseen, of_base)

@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ffsm_controllers.task_space.config import AttitudeAccelerations, DampedConfig, PositionAccelerations
-from ffsm_controllers.task_space.damping import joint_damping, most_unstable, output_damping
+from ffsm_controllers.task_space.damping import joint_damping
 from ffsm_controllers.task_space.singularity import damped_inverse
 from ffsm_controllers.task_space.task_law import TaskLaw
 from ffsm_mj.controller_protocol import ControllerContext, Damping, FloatArray
@@ -60,14 +60,9 @@ class TaskCt(TaskLaw):
 
     def damping_at(self, data: Any) -> Damping:
         """The one that comes nearest to instability: of position, attitude, or what the output does not feel."""
-        model, k = self.model, self.positions
+        model = self.model
         model.update(data)
         inertia, _ = damped_inverse(model.B.dot(model.alpha.T), self._largest)
         pushes = inertia.dot(model.alpha).T
-        dampings = [
-            output_damping(model, pushes * self._kd, "position.kd_1_s", self._kd[0], slice(0, k)),
-            joint_damping(model, self._damping, np.eye(len(model.qd)) - pushes.dot(model.B)),
-        ]
-        if len(self._kd) > k:
-            dampings.append(output_damping(model, pushes * self._kd, "attitude.kd_1_s", self._kd[k], slice(k, None)))
-        return most_unstable(model, dampings)
+        unseen = joint_damping(model, self._damping, np.eye(len(model.qd)) - pushes.dot(model.B))
+        return self.least_stable(pushes, self._kd, ("position.kd_1_s", "attitude.kd_1_s"), unseen)

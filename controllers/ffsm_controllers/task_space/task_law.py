@@ -12,12 +12,14 @@ import numpy as np
 
 from ffsm_controllers.allocation import moments, unit_moments
 from ffsm_controllers.task_space.config import AttitudeTarget, TaskLawConfig
+from ffsm_controllers.task_space.damping import most_unstable, output_damping
 from ffsm_controllers.task_space.joints import controllable_directions, joints_that_move
 from ffsm_controllers.task_space.singularity import SingularityMonitor, damped_inverse
 from ffsm_mj.controller_protocol import (
     Command,
     ControllerContext,
     ControllerReport,
+    Damping,
     Fault,
     FloatArray,
     IntArray,
@@ -162,6 +164,21 @@ class TaskLaw(Stateful):
         if self._monitor is not None and self._at_tick:
             self._monitor.look(self._time_s, values)
         return inverse
+
+    def least_stable(self, pushes: FloatArray, gains: FloatArray, keys: Sequence[str], *others: Damping) -> Damping:
+        """The damping that comes nearest to instability: of position, attitude, or of what the output does not feel.
+
+        Args:
+            pushes: Efforts per rate of each row of the output, before the gains, (n, p).
+            gains: Gain of each row, (p,).
+            keys: What the gains of position and attitude are called.
+            others: Dampings of what the output does not feel.
+        """
+        k = self.positions
+        rows = (slice(0, k), slice(k, None))[: 2 if self.turns else 1]
+        parts = zip(keys, rows, strict=False)
+        of_output = [output_damping(self.model, pushes * gains, key, gains[part][0], part) for key, part in parts]
+        return most_unstable(self.model, [*of_output, *others])
 
     def telemetry(self) -> Sequence[float]:
         """Errors and least share at the last tick."""

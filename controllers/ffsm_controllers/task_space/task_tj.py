@@ -17,7 +17,7 @@ import numpy as np
 
 from ffsm_controllers.pd import Gain
 from ffsm_controllers.task_space.config import AttitudeTarget, TaskLawConfig
-from ffsm_controllers.task_space.damping import joint_damping, most_unstable, output_damping
+from ffsm_controllers.task_space.damping import joint_damping
 from ffsm_controllers.task_space.task_law import TaskLaw
 from ffsm_mj.controller_protocol import ControllerContext, Damping, FloatArray, StrictModel
 
@@ -77,13 +77,7 @@ class TaskTj(TaskLaw):
 
     def damping_at(self, data: Any) -> Damping:
         """The one that comes nearest to instability: of position, attitude or joints."""
-        model, k = self.model, self.positions
+        model = self.model
         model.update(data)
-        pushes = model.alpha.T * self._kd
-        dampings = [
-            output_damping(model, pushes, "position.kd_N_s_m", self._kd[0], slice(0, k)),
-            joint_damping(model, self._damping, np.eye(len(model.qd))),
-        ]
-        if len(self._kd) > k:
-            dampings.append(output_damping(model, pushes, "attitude.kd_N_m_s_rad", self._kd[k], slice(k, None)))
-        return most_unstable(model, dampings)
+        unseen = joint_damping(model, self._damping, np.eye(len(model.qd)))
+        return self.least_stable(model.alpha.T, self._kd, ("position.kd_N_s_m", "attitude.kd_N_m_s_rad"), unseen)
