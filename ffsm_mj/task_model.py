@@ -25,6 +25,7 @@ from ffsm_mj.controller_protocol import (
     TargetMotion,
     driven_joints,
 )
+from ffsm_mj.errors import faults_below
 
 _SINGULAR = 1e10
 """Condition of the mobility of the driven joints from which on they depend on each other: rows are known to 1e-10."""
@@ -152,10 +153,8 @@ class OutputModel(JointModel):
         system, task = context.system, context.task
         if site is None and task is None:
             raise ScenarioFaults([Fault("a 'task' with tip, axes and target is needed", ("kind",))])
-        try:
+        with faults_below("site"):
             index = task.tip_site if site is None else system.index("site", site)  # type: ignore[union-attr]
-        except LookupError as error:
-            raise ScenarioFaults([Fault(str(error.args[0]), ("site",))]) from error
         if axes is None:
             axes = task.axes if site is None and task is not None else (0, 1, 2)
         self._axes = list(axes)

@@ -11,10 +11,9 @@ import numpy.typing as npt
 
 from ffsm_mj.controller_protocol import (
     ControllerError,
-    Fault,
+    Faults,
     FloatArray,
     IntArray,
-    ScenarioFaults,
     System,
     driven_bodies,
     site_actuators,
@@ -35,26 +34,20 @@ def actuators_by_name(system: System, names: Sequence[str], key: str) -> IntArra
     Raises:
         ScenarioFaults: An unknown actuator, or one of another model.
     """
-    actuators, faults = [], []
-    for i, name in enumerate(names):
-        try:
-            actuators.append(system.index("actuator", name))
-        except LookupError as error:
-            faults.append(Fault(str(error.args[0]), (key, i)))
-            continue
-        if any(one.name == system.names("actuator")[actuators[-1]] for one in system.magnetorquers):
-            faults.append(Fault(f"{name} is a magnetorquer, whose torque depends on the magnetic field", (key, i)))
-        if not any(body in system.robot.bodies for body in driven_bodies(system.mj, actuators[-1])):
-            full = system.names("actuator")[actuators[-1]]
-            faults.append(
-                Fault(
-                    f"{full} is no actuator of {system.robot.name!r}; a part that drives an object is a part of "
-                    "'controllers', with its object in the 'drives' of the phase",
-                    (key, i),
-                )
-            )
-    if faults:
-        raise ScenarioFaults(faults)
+    actuators = []
+    with Faults() as faults:
+        for i, name in enumerate(names):
+            with faults.below(key, i):
+                actuators.append(system.index("actuator", name))
+                full = system.names("actuator")[actuators[-1]]
+                if any(one.name == full for one in system.magnetorquers):
+                    faults.add(f"{name} is a magnetorquer, whose torque depends on the magnetic field", key, i)
+                if not any(body in system.robot.bodies for body in driven_bodies(system.mj, actuators[-1])):
+                    message = (
+                        f"{full} is no actuator of {system.robot.name!r}; a part that drives an object is a part of "
+                        "'controllers', with its object in the 'drives' of the phase"
+                    )
+                    faults.add(message, key, i)
     return np.array(actuators, dtype=np.intp)
 
 
@@ -152,15 +145,13 @@ class WheelAllocation:
         """
         model = system.mj
         self._joints = []
-        faults = []
-        for i, wheel in enumerate(wheels):
-            joint = int(model.actuator_trnid[wheel, 0])
-            on_hinge = model.actuator_trntype[wheel] == mujoco.mjtTrn.mjTRN_JOINT
-            if not on_hinge or model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_HINGE:
-                faults.append(Fault(f"{model.actuator(wheel).name!r} drives no hinge joint", ("wheels", i)))
-            self._joints.append(joint)
-        if faults:
-            raise ScenarioFaults(faults)
+        with Faults() as faults:
+            for i, wheel in enumerate(wheels):
+                joint = int(model.actuator_trnid[wheel, 0])
+                on_hinge = model.actuator_trntype[wheel] == mujoco.mjtTrn.mjTRN_JOINT
+                if not on_hinge or model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_HINGE:
+                    faults.add(f"{model.actuator(wheel).name!r} drives no hinge joint", "wheels", i)
+                self._joints.append(joint)
         self._root, bodies = system.robot.root, model.jnt_bodyid[self._joints]
         self._sign = np.where(bodies == self._root, 1.0, -1.0)
         self._inverse: FloatArray | None = None

@@ -14,11 +14,10 @@ from ffsm_mj.controller_protocol import (
     Command,
     ControllerContext,
     Damping,
-    Fault,
     IntArray,
     Observation,
-    ScenarioFaults,
     StrictModel,
+    faults_below,
 )
 
 
@@ -68,10 +67,8 @@ class FreeFlying(BasePd):
             driven = [int(model.actuator_trnid[i, 0]) for i in range(model.nu) if _drives_joint(model, i) and i not in other]
             base = range(system.robot.base_dofs.start, system.robot.base_dofs.stop)
             joints = tuple(model.joint(j).name for j in driven if model.jnt_dofadr[j] not in base)
-        try:
+        with faults_below("arm"):
             return Pd(PdConfig(kind="pd", joints=joints, kp=arm.kp, kd=arm.kd), context)
-        except ScenarioFaults as faults:
-            raise ScenarioFaults([Fault(f.message, ("arm", *f.path)) for f in faults.faults]) from faults
 
     @property
     def driven_actuators(self) -> IntArray:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ffsm_mj.actuation.config import AnyActuator, IdealConfig, OnOffConfig, ReactionWheelConfig, TorqueSpeedConfig
 from ffsm_mj.arrays import BoolArray, FloatArray
-from ffsm_mj.errors import Fault, ScenarioFaults
+from ffsm_mj.errors import Faults
 from ffsm_mj.model.actuators import servo_mask
 from ffsm_mj.model.inputs import controller_of
 from ffsm_mj.model.system import System
@@ -131,22 +131,17 @@ def limits_of(system: System, configs: Mapping[str, AnyActuator]) -> tuple[Envel
     """
     gear, servos = _effort_per_ctrl(system.mj), servo_mask(system.mj)
     actuators = [_Actuator(*ends) for ends in zip(*_mjcf_range(system, gear).tolist(), strict=True)]
-    faults = []
-    for name, config in configs.items():
-        try:
-            i = system.index("actuator", name)
-        except LookupError as error:
-            faults.append(Fault(str(error.args[0]), ("actuators", name)))
-            continue
-        if servos[i] and not isinstance(config, IdealConfig):
-            message = (
-                f"{name} is a servo, and {config.kind} is a limit of motors; a servo has those of its model file, and "
-                f"'{system.names('actuator')[controller_of(system.mj, i)]}: {{kind: torque}}' makes it a motor"
-            )
-            faults.append(Fault(message, ("actuators", name, "kind")))
-        actuators[i].configure(config)
-    if faults:
-        raise ScenarioFaults(faults)
+    with Faults() as faults:
+        for name, config in configs.items():
+            with faults.below("actuators", name):
+                i = system.index("actuator", name)
+                if servos[i] and not isinstance(config, IdealConfig):
+                    message = (
+                        f"{name} is a servo, and {config.kind} is a limit of motors; a servo has those of its model file, "
+                        f"and '{system.names('actuator')[controller_of(system.mj, i)]}: {{kind: torque}}' makes it a motor"
+                    )
+                    faults.add(message, "actuators", name, "kind")
+                actuators[i].configure(config)
     envelope = Envelope(
         low=np.array([one.low for one in actuators]),
         high=np.array([one.high for one in actuators]),

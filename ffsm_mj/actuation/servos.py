@@ -13,7 +13,7 @@ import numpy as np
 
 from ffsm_mj._core.tick import ServoSample
 from ffsm_mj.arrays import FloatArray, IntArray
-from ffsm_mj.errors import Fault, ScenarioFaults
+from ffsm_mj.errors import Faults
 from ffsm_mj.model.actuators import controllers_of, servo_mask, without_force_limits
 from ffsm_mj.model.driven_joints import drives_rotation, unit_suffix
 from ffsm_mj.model.inputs import further_inputs, setpoint_law
@@ -88,21 +88,17 @@ def set_activations(system: System, data: Any, activations: Mapping[str, float |
     Raises:
         ScenarioFaults: An unknown actuator, or one with another number of activations.
     """
-    faults, model = [], system.mj
-    for name, value in activations.items():
-        path = ("initial", "activations", name)
-        try:
-            i = system.index("actuator", name)
-        except LookupError as error:
-            faults.append(Fault(str(error.args[0]), path))
-            continue
-        values, first, count = np.atleast_1d(value), int(model.actuator_actadr[i]), int(model.actuator_actnum[i])
-        if len(values) != count or not count:
-            faults.append(Fault(f"{name} has {count or 'no'} activations; {len(values)} are given here", path))
-        else:
-            data.act[first : first + count] = values
-    if faults:
-        raise ScenarioFaults(faults)
+    model = system.mj
+    with Faults() as faults:
+        for name, value in activations.items():
+            with faults.below("initial", "activations", name):
+                i = system.index("actuator", name)
+                values, first, count = np.atleast_1d(value), int(model.actuator_actadr[i]), int(model.actuator_actnum[i])
+                if len(values) != count or not count:
+                    message = f"{name} has {count or 'no'} activations; {len(values)} are given here"
+                    faults.add(message, "initial", "activations", name)
+                else:
+                    data.act[first : first + count] = values
 
 
 def activation_columns(system: System, data: Any) -> Columns:

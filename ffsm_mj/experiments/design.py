@@ -16,7 +16,7 @@ from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.config import Cell, first_fault
-from ffsm_mj.errors import Fault, InputError, ScenarioFaults
+from ffsm_mj.errors import Fault, Faults, InputError, ScenarioFaults
 from ffsm_mj.experiments.distributions import Dispersion, Operation, SampledScalar, sampled_scalars
 from ffsm_mj.experiments.file import CampaignFile, Kind
 
@@ -292,26 +292,25 @@ def refuse_levels(config: CampaignFile) -> None:
     Raises:
         ScenarioFaults: One fault per dispersion.
     """
-    faults, grid = [], config.samples.kind == "grid"
+    kind = config.samples.kind
+    grid, columns = kind == "grid", 0
     rows = 1 if grid else (config.samples.n or 1)
-    columns = 0
-    for name, dispersion in config.dispersions.items():
-        for scalar in sampled_scalars(name, dispersion):
-            columns += 1
-            levels = scalar.distribution.levels
-            if grid and levels is None:
-                faults.append(Fault("has no levels for a grid; write values, choice or grid", ("dispersions", name)))
-                break
-            if not grid and scalar.distribution.grid is not None:
-                message = f"has levels of a grid, but the samples are of kind {config.samples.kind}; write values or uniform"
-                faults.append(Fault(message, ("dispersions", name)))
-            rows *= len(levels or ()) if grid else 1
-    if config.samples.kind == "saltelli":
-        rows *= columns + 2
-    if not faults and rows > _MOST_ROWS:
-        faults.append(Fault(f"gives {rows} runs; at most {_MOST_ROWS}", ("samples",)))
-    if faults:
-        raise ScenarioFaults(faults)
+    with Faults() as faults:
+        for name, dispersion in config.dispersions.items():
+            for scalar in sampled_scalars(name, dispersion):
+                columns += 1
+                levels = scalar.distribution.levels
+                if grid and levels is None:
+                    faults.add("has no levels for a grid; write values, choice or grid", "dispersions", name)
+                    break
+                if not grid and scalar.distribution.grid is not None:
+                    message = f"has levels of a grid, but the samples are of kind {kind}; write values or uniform"
+                    faults.add(message, "dispersions", name)
+                rows *= len(levels or ()) if grid else 1
+        if kind == "saltelli":
+            rows *= columns + 2
+        if not faults.collected and rows > _MOST_ROWS:
+            faults.add(f"gives {rows} runs; at most {_MOST_ROWS}", "samples")
 
 
 def scalars_of(dispersions: Mapping[str, Dispersion]) -> tuple[SampledScalar, ...]:

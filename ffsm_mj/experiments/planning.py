@@ -11,7 +11,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from ffsm_mj.assembly.prepare import PreparedRun, Scenario, prepare, scenario_of
-from ffsm_mj.errors import Fault, InputError, ScenarioFaults, plural
+from ffsm_mj.errors import Fault, Faults, InputError, plural
 from ffsm_mj.experiments.bindings import Targets, bind_dispersions, extreme_rows, override_faults, refuse_wrong_rows
 from ffsm_mj.experiments.design import EXTENDABLE, Binding, Design, refuse_levels, sample_design, scalars_of
 from ffsm_mj.experiments.distributions import SampledScalar
@@ -364,13 +364,13 @@ class _Planner:
         places: dict[str, KeyPath] = {}
         for name, path in self.config.named_metrics():
             places.setdefault(name, path)
-        wrong = ((fault_of(name, actuators, self.classes.metrics), path) for name, path in places.items())
-        faults = [Fault(fault, path) for fault, path in wrong if fault is not None]
-        message = "{} is a built-in metric; give the function another name"
-        reserved = [name for name in self.classes.metrics if fault_of(name, actuators) is None]
-        faults += [Fault(message.format(name), ("metrics",)) for name in reserved]
-        if faults:
-            raise ScenarioFaults(faults)
+        with Faults() as faults:
+            for name, path in places.items():
+                if (fault := fault_of(name, actuators, self.classes.metrics)) is not None:
+                    faults.add(fault, *path)
+            for name in self.classes.metrics:
+                if fault_of(name, actuators) is None:
+                    faults.add(f"{name} is a built-in metric; give the function another name", "metrics")
 
 
 def _place(name: str, variant: VariantConfig | None, key: str) -> KeyPath:

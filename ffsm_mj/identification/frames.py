@@ -12,10 +12,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-import mujoco
 import numpy as np
 
-from ffsm_mj.arrays import FloatArray, IntArray
+from ffsm_mj.arrays import IntArray
+from ffsm_mj.dynamics.rigid_body import rotation_matrix
 from ffsm_mj.errors import InputError
 from ffsm_mj.identification.contact_points import ContactPoints
 from ffsm_mj.identification.free_motion import Jump
@@ -134,15 +134,8 @@ def _turned_back(jump: Jump, joints: Sequence[Joint]) -> Jump:
                 qvel[joint.dofs] *= -1.0
         elif joint.kind == "free":
             quaternion, rates = slice(joint.qpos.stop - 4, joint.qpos.stop), slice(joint.dofs.stop - 3, joint.dofs.stop)
-            R = _matrix(qpos[quaternion])
+            R = rotation_matrix(qpos[quaternion])
             qpos[quaternion] *= (1.0, -1.0, -1.0, -1.0)
             for qvel in velocities:
                 qvel[rates] = -R @ qvel[rates]
     return replace(jump, qpos=qpos, before=velocities[0], after=velocities[1])
-
-
-def _matrix(quaternion: FloatArray) -> FloatArray:
-    """Rotation matrix of a unit quaternion w, x, y, z."""
-    out = np.empty(9)
-    mujoco.mju_quat2Mat(out, quaternion)
-    return out.reshape(3, 3)

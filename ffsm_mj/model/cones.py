@@ -17,7 +17,7 @@ from pydantic import Field, NonNegativeFloat, PositiveFloat, ValidationInfo, fie
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.config import Name, StrictModel
-from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
+from ffsm_mj.errors import Faults, unknown_name
 
 _SECTORS = 64
 """Facets of the picture round the axis: chords are off the circle by 0.12 % of its radius."""
@@ -84,19 +84,17 @@ def add_cones(spec: Any, cones: Iterable[ConeConfig], keys: tuple[str, ...], *, 
     Raises:
         ScenarioFaults: A body does not exist, or a geom of that name does.
     """
-    faults = []
-    for i, cone in enumerate(cones):
-        body = spec.body(cone.body)
-        if body is None or (body.name == "world" and not fixed):
-            names = [known.name for known in spec.bodies[0 if fixed else 1 :]]
-            faults.append(Fault(unknown_name("body", cone.body, names), (*keys, "cones", i, "body")))
-        elif cone.name in {geom.name for geom in spec.geoms}:
-            message = f"the model already has a geom {cone.name!r}; choose another name"
-            faults.append(Fault(message, (*keys, "cones", i, "name")))
-        else:
-            _add_geom(spec, body, cone)
-    if faults:
-        raise ScenarioFaults(faults)
+    with Faults() as faults:
+        for i, cone in enumerate(cones):
+            body = spec.body(cone.body)
+            if body is None or (body.name == "world" and not fixed):
+                names = [known.name for known in spec.bodies[0 if fixed else 1 :]]
+                faults.add(unknown_name("body", cone.body, names), *keys, "cones", i, "body")
+            elif cone.name in {geom.name for geom in spec.geoms}:
+                message = f"the model already has a geom {cone.name!r}; choose another name"
+                faults.add(message, *keys, "cones", i, "name")
+            else:
+                _add_geom(spec, body, cone)
 
 
 def _add_geom(spec: Any, body: Any, cone: ConeConfig) -> None:

@@ -29,7 +29,7 @@ from ffsm_mj.decomposition.stored import (
     to_json,
     write,
 )
-from ffsm_mj.errors import Fault, InputError, ScenarioFaults, unknown_name
+from ffsm_mj.errors import Fault, InputError, ScenarioFaults, faults_below, unknown_name
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.meshes import FileMesh
 from ffsm_mj.model.mujoco_process import collected_warnings
@@ -112,10 +112,8 @@ def with_pieces(files: ModelFiles, wanted: Sequence[Decompose], folder: Path | N
     if not wanted:
         return files
     kept = "" if folder is None else str(folder.absolute())
-    try:
+    with faults_below(*keys, "decompose"):
         return _added(_Wanted(digest_of(files), files.main, files.body, tuple(wanted), kept, files, folder))
-    except ScenarioFaults as faulty:
-        raise ScenarioFaults([replace(fault, path=(*keys, "decompose", *fault.path)) for fault in faulty.faults]) from faulty
 
 
 def with_logged_pieces(files: ModelFiles, wanted: Sequence[Decompose], contents: Mapping[str, bytes]) -> ModelFiles:

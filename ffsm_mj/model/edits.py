@@ -21,7 +21,7 @@ import mujoco
 from pydantic import NonNegativeFloat, PositiveFloat
 
 from ffsm_mj.config import StrictModel
-from ffsm_mj.errors import Fault, ScenarioFaults, first_few, plural, unknown_name
+from ffsm_mj.errors import Faults, first_few, plural, unknown_name
 
 
 @dataclass(frozen=True)
@@ -52,18 +52,16 @@ def add_sites(spec: Any, sites: Iterable[AddedSite], keys: tuple[str, ...]) -> N
     Raises:
         ScenarioFaults: A body does not exist, or a site of that name exists.
     """
-    faults = []
-    for site in sites:
-        body = spec.body(site.body)
-        if body is None or body.name == "world":
-            names = [parent.name for parent in spec.bodies[1:]]
-            faults.append(Fault(unknown_name("body", site.body, names), (*keys, "sites", site.name, "body")))
-        elif site.name in {present.name for present in spec.sites}:
-            faults.append(Fault("the model already has a site of this name; choose another", (*keys, "sites", site.name)))
-        else:
-            body.add_site(name=site.name, pos=site.pos_m, quat=site.quaternion)
-    if faults:
-        raise ScenarioFaults(faults)
+    with Faults() as faults:
+        for site in sites:
+            body = spec.body(site.body)
+            if body is None or body.name == "world":
+                names = [parent.name for parent in spec.bodies[1:]]
+                faults.add(unknown_name("body", site.body, names), *keys, "sites", site.name, "body")
+            elif site.name in {present.name for present in spec.sites}:
+                faults.add("the model already has a site of this name; choose another", *keys, "sites", site.name)
+            else:
+                body.add_site(name=site.name, pos=site.pos_m, quat=site.quaternion)
 
 
 _SCALAR = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
@@ -94,16 +92,13 @@ def add_flex(spec: Any, flex: Mapping[str, JointFlex]) -> None:
     Raises:
         ScenarioFaults: A joint does not exist, is one of the base, is no hinge or slide, or is not the only one of its body.
     """
-    faults = []
-    for name, deflection in flex.items():
-        joint = spec.joint(name)
-        fault = _flex_fault(spec, name, joint)
-        if fault:
-            faults.append(Fault(fault, ("robot", "joint_flex", name)))
-        else:
-            _make_flexible(joint, deflection)
-    if faults:
-        raise ScenarioFaults(faults)
+    with Faults() as faults:
+        for name, deflection in flex.items():
+            joint = spec.joint(name)
+            if fault := _flex_fault(spec, name, joint):
+                faults.add(fault, "robot", "joint_flex", name)
+            else:
+                _make_flexible(joint, deflection)
     if flex:
         for key in list(spec.keys):  # keyframes have a value per coordinate; they are not used in a scene
             spec.delete(key)

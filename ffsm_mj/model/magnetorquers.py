@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import BoolArray
-from ffsm_mj.errors import Fault, ScenarioFaults, full_name
+from ffsm_mj.errors import Faults, full_name
 
 Axis = Literal["x", "y", "z"]
 
@@ -42,21 +42,17 @@ def add_magnetorquers(scene: Any, magnetorquers: Iterable[Magnetorquer]) -> None
     Raises:
         ScenarioFaults: There is no such site, it does not move, or an actuator has the name.
     """
-    faults, sites = [], [site.name for site in scene.sites]
-    for one in magnetorquers:
-        if any(other.name == one.name for other in scene.actuators):
-            faults.append(Fault("is an actuator of a model already; choose another name", ("actuators", one.name)))
-            continue
-        try:
-            site = full_name("site", one.site, sites)
-        except LookupError as error:
-            faults.append(Fault(str(error.args[0]), ("actuators", one.name, "site")))
-            continue
-        added = scene.add_actuator(name=one.name, trntype=mujoco.mjtTrn.mjTRN_SITE)
-        added.target, added.gear = site, np.zeros(6)
-        added.ctrllimited, added.ctrlrange = True, [-one.max_dipole_A_m2, one.max_dipole_A_m2]
-    if faults:
-        raise ScenarioFaults(faults)
+    sites = [site.name for site in scene.sites]
+    with Faults() as faults:
+        for one in magnetorquers:
+            if any(other.name == one.name for other in scene.actuators):
+                faults.add("is an actuator of a model already; choose another name", "actuators", one.name)
+                continue
+            with faults.below("actuators", one.name, "site"):
+                site = full_name("site", one.site, sites)
+                added = scene.add_actuator(name=one.name, trntype=mujoco.mjtTrn.mjTRN_SITE)
+                added.target, added.gear = site, np.zeros(6)
+                added.ctrllimited, added.ctrlrange = True, [-one.max_dipole_A_m2, one.max_dipole_A_m2]
 
 
 def magnetorquer_mask(model: Any) -> BoolArray:

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.errors import Fault, ScenarioFaults
+from ffsm_mj.errors import Faults
 from ffsm_mj.model.sensors import ModelSensor
 from ffsm_mj.model.system import System
 from ffsm_mj.sensing.config import Components, FieldOfViewConfig, SensorConfig
@@ -112,31 +112,26 @@ def sensors_of(
         ScenarioFaults: There is no such sensor or site, or a value does not fit the sensor; paths in the scenario.
     """
     declared_sensors: dict[str, tuple[str, SensorConfig]] = {}
-    faults: list[Fault] = []
-    for key, config in configs.items():
-        try:
-            declared_sensors[system.resolve("sensor", key)] = key, config
-            if config.field_of_view is not None:
-                system.index("site", config.field_of_view.site)
-        except LookupError as error:
-            faults.append(Fault(str(error.args[0]), ("sensors", key)))
     sensors = []
-    for name, model in system.sensors.items():
-        key, config = declared_sensors.get(name, (name, SensorConfig()))
-        size = int(system.mj.sensor_dim[system.mj.sensor(name).id])
-        reasons = list(_faults(model, size, config))
-        faults += [Fault(text, ("sensors", key, of)) for of, text in reasons]
-        if not reasons:
-            reference = inertial if config.axes == "eci" else _IDENTITY
-            sensors.append(_sensor(model, size, config, control_period_s, reference))
-            late = [of for of in ("delay_s", "first_s") if getattr(config, of) is not None]
-            if late and sensors[-1].earliest_s >= duration_s:
-                text = (
-                    f"the first sample would arrive at {sensors[-1].earliest_s:g} s, not before the end ({duration_s:g} s)"
-                )
-                faults.append(Fault(text, ("sensors", key, late[0])))
-    if faults:
-        raise ScenarioFaults(faults)
+    with Faults() as faults:
+        for key, config in configs.items():
+            with faults.below("sensors", key):
+                declared_sensors[system.resolve("sensor", key)] = key, config
+                if config.field_of_view is not None:
+                    system.index("site", config.field_of_view.site)
+        for name, model in system.sensors.items():
+            key, config = declared_sensors.get(name, (name, SensorConfig()))
+            size = int(system.mj.sensor_dim[system.mj.sensor(name).id])
+            reasons = list(_faults(model, size, config))
+            for of, text in reasons:
+                faults.add(text, "sensors", key, of)
+            if not reasons:
+                reference = inertial if config.axes == "eci" else _IDENTITY
+                sensors.append(_sensor(model, size, config, control_period_s, reference))
+                late = [of for of in ("delay_s", "first_s") if getattr(config, of) is not None]
+                if late and sensors[-1].earliest_s >= duration_s:
+                    arrives = f"the first sample would arrive at {sensors[-1].earliest_s:g} s"
+                    faults.add(f"{arrives}, not before the end ({duration_s:g} s)", "sensors", key, late[0])
     return tuple(sensors)
 
 

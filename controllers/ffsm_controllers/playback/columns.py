@@ -12,6 +12,7 @@ from ffsm_controllers.playback.config import DIPOLES, FORCES, TORQUES, EffortCol
 from ffsm_controllers.playback.record import EffortRecord
 from ffsm_mj.controller_protocol import (
     Fault,
+    Faults,
     FloatArray,
     IntArray,
     RecordedTable,
@@ -103,24 +104,19 @@ def _driven(config: PlaybackConfig, table: RecordedTable, system: System) -> lis
             raise ScenarioFaults([Fault(f"{message}; its columns: {has}; actuators: {known}", ("file",))])
         return channels
     driven: dict[int, _Driven] = {}
-    faults = []
-    for name, stated in config.columns.items():
-        path = ("columns", name)
-        try:
-            i = system.index("actuator", name)
-        except LookupError as error:
-            faults.append(Fault(str(error.args[0]), path))
-            continue
-        if i in driven:
-            faults.append(Fault(f"names the actuator {names[i]} a second time; each has one column", path))
-        said = stated if isinstance(stated, EffortColumnConfig) else EffortColumnConfig(column=stated)
-        source = said.column if said.column is not None else _column_of(names[i], names, table.columns)
-        if source is None:
-            faults.append(Fault(f"{table.place} has no column of this name; write 'column'", path))
-            continue
-        driven[i] = _Driven(i, source, said, path)
-    if faults:
-        raise ScenarioFaults(faults)
+    with Faults() as faults:
+        for name, stated in config.columns.items():
+            path = ("columns", name)
+            with faults.below(*path):
+                i = system.index("actuator", name)
+                if i in driven:
+                    faults.add(f"names the actuator {names[i]} a second time; each has one column", *path)
+                said = stated if isinstance(stated, EffortColumnConfig) else EffortColumnConfig(column=stated)
+                source = said.column if said.column is not None else _column_of(names[i], names, table.columns)
+                if source is None:
+                    faults.add(f"{table.place} has no column of this name; write 'column'", *path)
+                else:
+                    driven[i] = _Driven(i, source, said, path)
     return list(driven.values())
 
 

@@ -37,6 +37,7 @@ from ffsm_mj.controller_protocol import (
     ScenarioFaults,
     Signal,
     Stateful,
+    faults_below,
 )
 from ffsm_mj.task_model import TaskModel
 
@@ -264,10 +265,8 @@ def _robot_site(config: TrackConfig, context: ControllerContext) -> str:
             raise ScenarioFaults([Fault("track needs 'robot_site', or a 'task' whose tip it takes", ("kind",))])
         return str(system.mj.site(context.task.tip_site).name)
     sites = [name for name in system.names("site") if name.startswith("robot/")]
-    try:
+    with faults_below("robot_site"):
         full = system.resolve("site", config.robot_site)
-    except LookupError as error:
-        raise ScenarioFaults([Fault(str(error.args[0]), ("robot_site",))]) from error
     if full not in sites:
         raise ScenarioFaults([Fault(f"{full} is no site of the robot; write one of {', '.join(sites)}", ("robot_site",))])
     return full
@@ -275,7 +274,7 @@ def _robot_site(config: TrackConfig, context: ControllerContext) -> str:
 
 def _base_control(config: BaseConfig, context: ControllerContext) -> BaseControl:
     translation, rotation = config.translation, config.rotation
-    try:
+    with faults_below("base"):
         return BaseControl(
             context.system,
             config.thrusters,
@@ -284,5 +283,3 @@ def _base_control(config: BaseConfig, context: ControllerContext) -> BaseControl
             None if rotation is None else Stiffness(rotation.kp_N_m_rad, rotation.kd_N_m_s_rad),
             axes=context.lvlh_axes(config.frame),
         )
-    except ScenarioFaults as faults:
-        raise ScenarioFaults([Fault(f.message, ("base", *f.path)) for f in faults.faults]) from faults

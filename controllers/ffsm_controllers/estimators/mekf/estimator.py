@@ -27,10 +27,10 @@ from ffsm_mj.controller_protocol import (
     ControllerContext,
     ControllerError,
     Fault,
+    Faults,
     FieldForces,
     FloatArray,
     Measurement,
-    ScenarioFaults,
     Sensor,
     Signal,
     Stateful,
@@ -88,9 +88,9 @@ class Mekf(Stateful):
         self._frames = [measurement for measurement in measurements if measurement is not None]
         joints = readings_of_joints(system, context.sensors, config.rate_filter_s)
         used = [frame.sensor for frame in self._frames] + [joint.sensor for joint in joints if joint.measures_coordinates]
-        believed, faults = _believed_noise(system, used, config)
-        if faults := [*faults, *_faults(bodies, self._frames, config)]:
-            raise ScenarioFaults(faults)
+        with Faults() as faults:
+            believed = _believed_noise(system, used, config, faults)
+            faults.collected += _faults(bodies, self._frames, config)
         self._system, self._config, sensors = system, config, context.sensors
         biased = [frame.sensor for frame in self._frames if frame.kind == "gyro" and config.gyro_bias_rad_s is not None]
         self._layout = Layout(bodies, biased)
@@ -282,24 +282,18 @@ def _faults(bodies: Sequence[FloatingBody], frames: Sequence[FrameMeasurement], 
     return [*unknown, *missing_measurements(bodies, frames)]
 
 
-def _believed_noise(system: System, used: Collection[str], config: MekfConfig) -> tuple[dict[str, float], list[Fault]]:
-    """Standard deviations that the configuration states, by full name of the sensor, and what is wrong with them."""
-    variances, faults = {}, []
+def _believed_noise(system: System, used: Collection[str], config: MekfConfig, faults: Faults) -> dict[str, float]:
+    """Standard deviations that the configuration states, by full name of the sensor; faults of them are collected."""
+    variances = {}
     for name, value in config.noise.items():
-        try:
+        with faults.below("noise", name):
             full = system.resolve("sensor", name)
-        except LookupError as error:
-            faults.append(Fault(str(error.args[0]), ("noise", name)))
-            continue
-        variances[full] = value
-        if full not in used:
-            faults.append(
-                Fault(
-                    f"the filter takes no noise from {full!r}: it measures no place of a body or joint",
-                    ("noise", name),
+            variances[full] = value
+            if full not in used:
+                faults.add(
+                    f"the filter takes no noise from {full!r}: it measures no place of a body or joint", "noise", name
                 )
-            )
-    return variances, faults
+    return variances
 
 
 def _deviations(sensor: Sensor, believed: float | None, config: MekfConfig) -> FloatArray:
