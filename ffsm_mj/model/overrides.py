@@ -14,7 +14,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_mj.errors import Fault, ScenarioFaults, plural, unknown_name
+from ffsm_mj.errors import Fault, Faults, ScenarioFaults, plural, unknown_name
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.properties import (
     INERTIAL,
@@ -75,19 +75,19 @@ class ModelOverrides:
         Raises:
             ScenarioFaults: A value differs from the given one, or the inertial of another body has changed.
         """
-        faults, changes = [], []
-        for path, change in self.changes.items():
-            value = property_value(model, path)
-            if not _equal(value, change.after):
-                faults.append(Fault(f"MuJoCo compiles it to {value_text(value)}, not {value_text(change.after)}", path))
-            changes.append(PropertyChange(path, change.before, value))
-        # An option of the compiler can change bodies without a given property too, e.g. boundmass.
-        for body, inertial in self.inertials.items() if not faults else ():
-            compiled = Inertial.of(model, model.body(f"{self.name}/{body}").id)
-            if not (_equal(compiled.mass_kg, inertial.mass_kg) and _equal(compiled.moments, inertial.moments)):
-                faults.append(Fault(f"the mass or inertia of body {body!r} would change too", (self.key, self.name)))
-        if faults:
-            raise ScenarioFaults(faults)
+        changes = []
+        with Faults() as faults:
+            for path, change in self.changes.items():
+                value = property_value(model, path)
+                if not _equal(value, change.after):
+                    faults.add(f"MuJoCo compiles it to {value_text(value)}, not {value_text(change.after)}", *path)
+                changes.append(PropertyChange(path, change.before, value))
+        with Faults() as faults:
+            # An option of the compiler can change bodies without a given property too, e.g. boundmass.
+            for body, inertial in self.inertials.items():
+                compiled = Inertial.of(model, model.body(f"{self.name}/{body}").id)
+                if not (_equal(compiled.mass_kg, inertial.mass_kg) and _equal(compiled.moments, inertial.moments)):
+                    faults.add(f"the mass or inertia of body {body!r} would change too", self.key, self.name)
         return tuple(changes)
 
 
@@ -110,13 +110,10 @@ def override(spec: Any, name: str, files: ModelFiles, vfs: Any) -> ModelOverride
     if files.pose is None:
         done.inertials |= {body.name: Inertial.of(compiled, compiled.body(body.name).id) for body in spec.bodies[1:]}
     for layer in files.overrides:
-        faults = [
-            Fault(what, (layer.key, name, body, *keys))
-            for body, asked in layer.bodies.items()
-            for what, keys in _faults(spec, compiled, body, asked, files)
-        ]
-        if faults:
-            raise ScenarioFaults(faults)
+        with Faults() as faults:
+            for body, asked in layer.bodies.items():
+                for what, keys in _faults(spec, compiled, body, asked, files):
+                    faults.add(what, layer.key, name, body, *keys)
         _resize(spec, alone, compiled, layer, done)
         _set_inertials(alone, layer, done, vfs)
         _set_friction(spec, compiled, layer, done)

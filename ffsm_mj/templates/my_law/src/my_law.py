@@ -11,9 +11,8 @@ from ffsm_mj.controller_protocol import (
     Command,
     ControllerContext,
     ControllerReport,
-    Fault,
+    Faults,
     Observation,
-    ScenarioFaults,
     Signal,
     Stateful,
     StrictModel,
@@ -52,17 +51,13 @@ class MyLaw(Stateful):
         Raises:
             ScenarioFaults: No actuator has this name, or it is a servo; the message contains file, line and column.
         """
-        system, faults = context.system, []
-        for i, name in enumerate(config.actuators):
-            try:
-                actuator = system.index("actuator", name)
-            except LookupError as error:
-                faults.append(Fault(str(error.args[0]), ("actuators", i)))
-            else:
-                if is_servo(system.mj, actuator):
-                    faults.append(Fault(needs_motors(system, [actuator]), ("actuators", i)))
-        if faults:
-            raise ScenarioFaults(faults)
+        system = context.system
+        with Faults() as faults:
+            for i, name in enumerate(config.actuators):
+                with faults.below("actuators", i):
+                    actuator = system.index("actuator", name)
+                    if is_servo(system.mj, actuator):
+                        faults.add(needs_motors(system, [actuator]), "actuators", i)
         self._motors = np.array([system.index("actuator", name) for name in config.actuators])
         self._dofs = system.mj.jnt_dofadr[system.mj.actuator_trnid[self._motors, 0]]
         self._gain, self._fastest = config.gain, 0.0
