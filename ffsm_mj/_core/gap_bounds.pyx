@@ -215,7 +215,7 @@ cdef struct Ends:
 cdef Ends ends_over(PiecesOfBody a, Py_ssize_t i, PiecesOfBody b, Py_ssize_t k, Instant at) noexcept:
     """The segment of a piece of a, seen from a piece of b."""
     cdef Ends ends
-    cdef const double* own = &at.matrices[a.body, 0]
+    cdef const double* matrix = &at.matrices[a.body, 0]
     cdef const double* axes = &at.matrices[b.body, 0]
     cdef double[2][3] points
     cdef double[3] rate, other, half, turned
@@ -223,7 +223,7 @@ cdef Ends ends_over(PiecesOfBody a, Py_ssize_t i, PiecesOfBody b, Py_ssize_t k, 
     ends.speed = 0.0
     for e in range(2):
         for j in range(3):
-            points[e][j] = dot(own + 3 * j, &a.cores[i, e, 0]) + at.positions[a.body, j]
+            points[e][j] = dot(matrix + 3 * j, &a.cores[i, e, 0]) + at.positions[a.body, j]
         at.velocity(a.body, points[e], rate)
         at.velocity(b.body, points[e], other)
         for j in range(3):
