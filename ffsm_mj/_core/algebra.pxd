@@ -12,6 +12,17 @@ cdef inline void cross(const double* a, const double* b, double* out) noexcept n
     out[0], out[1], out[2] = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
+cdef inline void velocity_at(const double* twist, const double* centre, const double* point, double* out) noexcept nogil:
+    """Velocity of a point of a body by its twist (angular, then linear) at another point."""
+    cdef double[3] arm
+    cdef int i
+    for i in range(3):
+        arm[i] = point[i] - centre[i]
+    cross(twist, arm, out)
+    for i in range(3):
+        out[i] += twist[3 + i]
+
+
 cdef inline Py_ssize_t pivots(double* A, Py_ssize_t n, double least, Py_ssize_t* order) noexcept:
     """Rank of a positive semidefinite matrix by Cholesky's method with pivots, largest first; the matrix is overwritten.
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from libc.math cimport INFINITY, sqrt
 
-from ffsm_mj._core.algebra cimport cross, dot
+from ffsm_mj._core.algebra cimport cross, dot, velocity_at
 
 
 cdef double _MARGIN = 0.1  # of the speed: rates within a step may go beyond those at its ends by this share
@@ -193,14 +193,7 @@ cdef class Instant:
 
     cdef void velocity(self, int body, const double* point, double* out) noexcept nogil:
         """Velocity of a point of a body, world axes, m/s."""
-        cdef const double* twist = &self.twists[body, 0]
-        cdef double[3] arm
-        cdef int i
-        for i in range(3):
-            arm[i] = point[i] - self.centres[self.roots[body], i]
-        cross(twist, arm, out)
-        for i in range(3):
-            out[i] += twist[3 + i]
+        velocity_at(&self.twists[body, 0], &self.centres[self.roots[body], 0], point, out)
 
     cdef double turning(self, int body) noexcept nogil:
         """Angular speed of a body, rad/s."""

@@ -5,7 +5,7 @@ import numpy as np
 
 from libc.math cimport fabs
 
-from ffsm_mj._core.algebra cimport cross, dot
+from ffsm_mj._core.algebra cimport dot, velocity_at
 from ffsm_mj.tolerances import RATE
 
 
@@ -30,17 +30,11 @@ cdef class RelativeVelocity:
         self, const double[:, ::1] twists, const double[:, ::1] centres, const double* point, double* out, double* greatest
     ) noexcept:
         """The velocity at a point, m/s, (3,); raise the greatest components of those of a and b, (2,)."""
-        cdef double[3] arm, of_a, of_b
+        cdef double[3] of_a, of_b
         cdef int k
+        velocity_at(&twists[self.a, 0], &centres[self.roots[0], 0], point, of_a)
+        velocity_at(&twists[self.b, 0], &centres[self.roots[1], 0], point, of_b)
         for k in range(3):
-            arm[k] = point[k] - centres[self.roots[0], k]
-        cross(&twists[self.a, 0], arm, of_a)
-        for k in range(3):
-            arm[k] = point[k] - centres[self.roots[1], k]
-        cross(&twists[self.b, 0], arm, of_b)
-        for k in range(3):
-            of_a[k] = twists[self.a, 3 + k] + of_a[k]
-            of_b[k] = twists[self.b, 3 + k] + of_b[k]
             out[k] = of_b[k] - of_a[k]
             greatest[0], greatest[1] = max(greatest[0], fabs(of_a[k])), max(greatest[1], fabs(of_b[k]))
 

@@ -11,14 +11,6 @@ from libc.math cimport atan2, fabs, hypot, INFINITY
 from ffsm_mj._core.memory cimport numbers, room
 
 
-def tangents(const double[:] normal):
-    """Two unit tangents across a unit normal, (2, 3), by the closed form of Duff et al., JCGT 6(1), 2017."""
-    cdef double x = normal[0], y = normal[1], z = normal[2]
-    cdef double sign = 1.0 if z >= 0.0 else -1.0  # onto the pole that is farther away: no digits cancel
-    cdef double share = -1.0 / (sign + z), product = x * y * share
-    return np.array(((1.0 + sign * x * x * share, sign * product, -sign * x), (product, sign + y * y * share, -y)))
-
-
 def along(double x, double y):
     """Projector on a direction of the plane, (2, 2)."""
     cdef double square = x * x + y * y

@@ -20,11 +20,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_mj._core.turning import along, flat, tangents, turning
+from ffsm_mj._core.turning import along, flat, turning
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.patch import Cap, caps_of
 from ffsm_mj.contact.shape import Shape
-from ffsm_mj.dynamics.rigid_body import cross
+from ffsm_mj.dynamics.rigid_body import cross, tangents
 from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2, CROSSING, PARALLEL
 
 FAR_M = 1.0

@@ -233,6 +233,24 @@ def cross(v: FloatArray, w: FloatArray) -> FloatArray:
     return np.array((b * z - c * y, c * x - a * z, a * y - b * x))
 
 
+def tangents(normal: FloatArray) -> FloatArray:
+    """Unit vectors t1, t2 with (n, t1, t2) right-handed and orthonormal, (2, 3).
+
+    A function of the normal alone, so that a run repeats bit for bit. The first is built from the coordinate axis furthest
+    from the normal; in a planar scene it is exactly the axis perpendicular to the plane.
+
+    Args:
+        normal: Unit vector, (3,).
+    """
+    x, y, z = normal.tolist()  # plain floats: of three numbers, these are faster than arrays
+    sizes = (abs(x), abs(y), abs(z))
+    # The axis furthest from the normal has the longest cross product with it, at least sqrt(2/3): no cancellation.
+    a, b, c = ((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0))[sizes.index(min(sizes))]
+    length = math.sqrt(a * a + b * b + c * c)
+    a, b, c = a / length, b / length, c / length
+    return np.array(((a, b, c), (y * c - z * b, z * a - x * c, x * b - y * a)))
+
+
 def rotation_matrix(quaternion: FloatArray) -> FloatArray:
     """Rotation matrix of a unit quaternion (w, x, y, z), (3, 3)."""
     matrix = np.empty(9)

@@ -18,9 +18,8 @@ from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.assembly.contact_rules import ContactRule, Contacts
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.proximity import Proximity
-from ffsm_mj.contact_models.impact.friction.result import tangents
 from ffsm_mj.contact_models.impact.resolution import Contact, contact_rows
-from ffsm_mj.dynamics.rigid_body import mass_matrix
+from ffsm_mj.dynamics.rigid_body import mass_matrix, tangents
 from ffsm_mj.errors import InputError
 from ffsm_mj.identification.free_motion import Jump
 from ffsm_mj.identification.impacts import MeasuredImpacts

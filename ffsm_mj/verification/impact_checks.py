@@ -19,11 +19,11 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.grasp.records import GraspRecord, ReleaseRecord
-from ffsm_mj.contact_models.impact.friction.result import tangents
 from ffsm_mj.contact_models.impact.law import law_of_record
 from ffsm_mj.contact_models.impact.records import LimitImpactRecord
 from ffsm_mj.contact_models.impact.replayed_impact import along_row
 from ffsm_mj.contact_models.impact.resolution import Contact, LimitContact, contact_rows
+from ffsm_mj.dynamics.rigid_body import tangents
 from ffsm_mj.errors import InputError, UnsupportedContactError
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import ImpactRecord

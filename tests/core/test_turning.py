@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ffsm_mj._core.turning import flat, tangents, turning
+from ffsm_mj._core.turning import flat, turning
+from ffsm_mj.dynamics.rigid_body import tangents
 
 _SQUARE = np.array([[1.0, 1.0, 0.0], [-1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [1.0, -1.0, 0.0]])  # not in order around it
 _POINTS = {

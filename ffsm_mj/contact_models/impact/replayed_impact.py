@@ -19,12 +19,11 @@ from ffsm_mj.contact.features.gap_function import tilt_rounding
 from ffsm_mj.contact.features.search import features
 from ffsm_mj.contact.joint_limit import TendonLimit
 from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
-from ffsm_mj.contact_models.impact.friction.result import tangents
 from ffsm_mj.contact_models.impact.records import LimitImpactRecord
 from ffsm_mj.contact_models.impact.resolution import ClosedPairs, Contact, Friction, Impact, ImpactState, LimitContact
 from ffsm_mj.contact_models.interface import LoggedEvent, Scene
 from ffsm_mj.dynamics.motion import Motion
-from ffsm_mj.dynamics.rigid_body import kinetic_energy, mass_matrix
+from ffsm_mj.dynamics.rigid_body import kinetic_energy, mass_matrix, tangents
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.tolerances import MERGED_M, RATE
 

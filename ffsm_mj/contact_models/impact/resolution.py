@@ -28,12 +28,11 @@ from ffsm_mj.contact.broad_phase import BroadPhase
 from ffsm_mj.contact.joint_limit import TendonLimit
 from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
 from ffsm_mj.contact.proximity import Proximity
-from ffsm_mj.contact_models.impact.friction.result import tangents
 from ffsm_mj.contact_models.impact.law import ImpactLaw, ImpactProblem, friction_of, impact_law, impact_laws, solve_impact
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.dynamics.loops.closed_loops import without_rounding
 from ffsm_mj.dynamics.motion import Motion
-from ffsm_mj.dynamics.rigid_body import kinetic_energy, mass_matrix, momentum_matrix
+from ffsm_mj.dynamics.rigid_body import kinetic_energy, mass_matrix, momentum_matrix, tangents
 from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.tolerances import CONTACT_GAP_M, RANK
 

@@ -24,7 +24,6 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.pairs import UnilateralConstraint
 from ffsm_mj.contact.proximity import Proximity, SecondRate
-from ffsm_mj.contact_models.impact.friction.result import tangents
 from ffsm_mj.contact_models.impact.laws import least_norm, project
 from ffsm_mj.contact_models.impact.resolution import (
     DEFAULT_LAW,
@@ -38,7 +37,7 @@ from ffsm_mj.contact_models.impact.resolution import (
     resolve,
 )
 from ffsm_mj.dynamics.motion import Motion
-from ffsm_mj.dynamics.rigid_body import mass_matrix
+from ffsm_mj.dynamics.rigid_body import mass_matrix, tangents
 from ffsm_mj.tolerances import SOLVED
 
 

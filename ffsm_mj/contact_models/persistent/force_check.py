@@ -40,7 +40,6 @@ from ffsm_mj.contact.features.gap_function import FeatureState
 from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint, by_kind
 from ffsm_mj.contact.proximity import Proximity, SecondRate
 from ffsm_mj.contact.union_pair import UnionProximity
-from ffsm_mj.contact_models.impact.friction.result import tangents
 from ffsm_mj.contact_models.impact.laws import least_norm, project
 from ffsm_mj.contact_models.impact.resolution import Contact, LimitContact, as_contact, contact_jacobian, contact_rows
 from ffsm_mj.contact_models.interface import Scene
@@ -53,7 +52,7 @@ from ffsm_mj.contact_models.persistent.friction.internal_forces import least_in_
 from ffsm_mj.contact_models.persistent.friction.modes import PointMode, unit_slips
 from ffsm_mj.contact_models.persistent.rule_columns import force_keys, mode_key
 from ffsm_mj.dynamics.motion import Motion
-from ffsm_mj.dynamics.rigid_body import mass_matrix
+from ffsm_mj.dynamics.rigid_body import mass_matrix, tangents
 from ffsm_mj.records.signals import Layout
 from ffsm_mj.tolerances import (
     CLEARLY_APART_M,

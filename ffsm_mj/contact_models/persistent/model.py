@@ -28,7 +28,6 @@ from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint, by_kind
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.columns import DeepestOverlap, FrictionHeat
-from ffsm_mj.contact_models.impact.friction.result import tangents
 from ffsm_mj.contact_models.impact.resolution import ClosedPairs, closed_pairs, recall_points
 from ffsm_mj.contact_models.interface import (
     EventEffect,
@@ -67,6 +66,7 @@ from ffsm_mj.contact_models.persistent.rounding_of_forces import RecordAccuracy,
 from ffsm_mj.contact_models.state_projection import StateProjection
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.projection import ClosedRows, needs_projection
+from ffsm_mj.dynamics.rigid_body import tangents
 from ffsm_mj.records.contact_forces import ActiveContact, Wrench
 from ffsm_mj.records.kinds import RecordKind
 from ffsm_mj.records.signals import Layout

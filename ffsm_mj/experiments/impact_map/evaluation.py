@@ -16,9 +16,8 @@ import numpy as np
 
 from ffsm_mj.analysis.tables import Table
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.impact.friction.result import tangents
 from ffsm_mj.contact_models.impact.resolution import contact_rows
-from ffsm_mj.dynamics.rigid_body import cross, mass_matrix
+from ffsm_mj.dynamics.rigid_body import cross, mass_matrix, tangents
 from ffsm_mj.experiments.impact_map.reach import Target
 from ffsm_mj.impact import resolve
 from ffsm_mj.model.system import System

@@ -6,10 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from ffsm_mj.contact_models.impact.friction.result import tangents
 from ffsm_mj.contact_models.impact.resolution import Contact, contact_jacobian, contact_rows
 from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
-from ffsm_mj.dynamics.rigid_body import mass_matrix
+from ffsm_mj.dynamics.rigid_body import mass_matrix, tangents
 from tests.contact_models.grasp.two_hands import PLANAR, SPATIAL, TwoHands, hand
 
 AMPLITUDES, PLACES = np.array((2.0, -1.5, 0.6, -2.0, 1.2, 0.5)), np.arange(6)

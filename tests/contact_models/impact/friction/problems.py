@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ffsm_mj.contact_models.impact.friction.coulomb import CoulombProblem, coulomb
-from ffsm_mj.contact_models.impact.friction.result import tangents
+from ffsm_mj.dynamics.rigid_body import tangents
 from ffsm_mj.tolerances import SOLVED
 
 

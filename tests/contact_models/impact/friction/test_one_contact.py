@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ffsm_mj.contact_models.impact.friction.result import tangents
 from ffsm_mj.contact_models.impact.friction.routh import stronge
+from ffsm_mj.dynamics.rigid_body import tangents
 from tests.contact_models.impact.friction.problems import (
     GENERAL,
     PENDULUM,
