@@ -24,8 +24,8 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.impact.friction.laws import impact_with_compliance, impact_with_friction
-from ffsm_mj.contact_models.impact.friction.result import tangents
 from ffsm_mj.contact_models.impact.laws import FRICTIONLESS
+from ffsm_mj.dynamics.rigid_body import tangents
 
 CONTACTS = (1, 2, 3, 4, 6)
 FRICTION = ("blend", "poisson")
