@@ -42,9 +42,8 @@ from ffsm_mj.tolerances import (
 )
 
 Points: TypeAlias = tuple[ContactPoint, ...]
-_AT_BOUND = 0.99
-"""A drift that ends a step is located at its bound, to the rounding of the time: it has reached this share, however a replay
-rounds."""
+_AT_BOUND = 0.9
+"""A drift that ends a step has reached this share of its bound, however a replay rounds; see ``before_drift`` in ``model.py``."""
 _PATCH_POINTS = 3
 """Contact points of two convex geoms are corners of a convex polygon or ends of a line: three are not on a line."""
 

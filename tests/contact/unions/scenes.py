@@ -15,14 +15,6 @@ from tests.random_scenes.dice import numbers
 from tests.scenes import scene
 
 GRAVITY = '<option gravity="0 0 -9.81"/>'
-LOCATED_S = 1e-10
-"""Difference in time of two changes that a drift of the gap causes.
-
-A step ends where the gap of RK4 has drifted to DRIFT_M = 5e-10 m. It grows as t^5, so at 5 DRIFT_M / h when it is there, and
-its rounding of 1e-16 m is one of 1e-16 h / (5 DRIFT_M) in time: 8e-11 s for steps h of 2 ms.
-"""
-RATE = 1e3
-"""Rate of the numbers of such a change over 1 + size, 1/s: what pushes a rim doubles in a millisecond."""
 NAMES = ("pair", "geoms", "robot_geom", "object_geom", "closed_pairs")
 """Fields of records that name pieces: nothing else may depend on them."""
 
@@ -184,14 +176,11 @@ def _said(event: Event) -> str:
 
 def _wrong_numbers(ours: Sequence[Event], theirs: Sequence[Event], tolerance: float) -> Iterator[Difference]:
     for i, (event, other) in enumerate(zip(ours, theirs, strict=True)):
-        later_s = abs(float(event.values["time_s"][0] - other.values["time_s"][0]))
-        # The end of a step by drift is no event of the motion: its numbers are those of another time.
-        of_time = later_s * RATE if event.kind == "ContactChanges" and later_s <= LOCATED_S else 0.0
         for name, value in event.values.items():
             again, what = other.values[name], f"{event.kind} {event.texts} {name}"
             if value.shape != again.shape:
                 yield Difference(what, i, math.inf, f"{_said(event)}: {name} has {again.size} numbers, had {value.size}")
-            elif (size := _apart(value, again) - of_time) > tolerance:
+            elif (size := _apart(value, again)) > tolerance:
                 yield Difference(what, i, size, f"{_said(event)}: {name} off by {size:.1e}")
 
 

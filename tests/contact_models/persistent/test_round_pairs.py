@@ -127,7 +127,11 @@ def test_the_first_of_several_changes_in_a_step_is_found():
         return 0.1 - abs(drift)
 
     closed_contacts = SimpleNamespace(
-        motion=SimpleNamespace(path=path), witness_value=value, touches_elsewhere=lambda: False, note_release=int
+        motion=SimpleNamespace(path=path),
+        witness_value=value,
+        touches_elsewhere=lambda: False,
+        pairs_with_drift=list,
+        note_release=int,
     )
     changed, _ = first_change(closed_contacts, (1.0,))
     assert 40.0 * changed**2 * (0.8 - changed) == pytest.approx(0.1, abs=1e-9)
