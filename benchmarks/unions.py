@@ -76,7 +76,9 @@ def capture(*, pieces: bool) -> PreparedRun:
     return scene(stated, {"satellite.xml": text})
 
 
-def rod(floor: str, place: list[float], rates: list[float], duration_s: float, gravity: str, mu: float) -> PreparedRun:
+def rod(
+    floor: str, place: list[float], rates: list[float], duration_s: float, gravity: str, mu: float, step_s: float = STEP_S
+) -> PreparedRun:
     """A capsule along y on a fixed floor, e = 0."""
     head = f'<compiler angle="radian"/><option gravity="{gravity}"/>'
     spun = 0.4 * RADIUS_M**2
@@ -89,8 +91,8 @@ def rod(floor: str, place: list[float], rates: list[float], duration_s: float, g
     stated = {
         "name": "rod",
         "duration_s": duration_s,
-        "time_step_s": STEP_S,
-        "control_period_s": STEP_S,
+        "time_step_s": step_s,
+        "control_period_s": step_s,
         "conservative": False,
         "robot": {"mjcf": "robot.xml"},
         "objects": {"floor": {"mjcf": "floor.xml", "fixed": True}},
@@ -111,7 +113,7 @@ def on_floor(boxes: int) -> PreparedRun:
     return rod(geoms, [0.1, 0.0, RADIUS_M], [0.5, 0.0, 0.0, 0.0, 0.5 / RADIUS_M, 0.0], 2.0, "0 0 -9.81", 0.3)
 
 
-def in_ring() -> PreparedRun:
+def in_ring(step_s: float) -> PreparedRun:
     """It slides at 1 m/s through a ring of facets around y: an impact at each edge."""
     radius, texts = 0.3, []
     half = radius * math.tan(math.pi / SECTORS)
@@ -120,7 +122,7 @@ def in_ring() -> PreparedRun:
         x, z = (radius + 0.02) * math.sin(angle), -(radius + 0.02) * math.cos(angle)
         texts.append(f'<geom name="f{k}" type="box" size="{half} 0.3 0.02" pos="{x} 0 {z}" euler="0 {-angle} 0" mass="0"/>')
     start = [0.0, 0.0, RADIUS_M - radius]
-    return rod("".join(texts), start, [1.0, 0.0, 0.0, 0.0, 1.0 / RADIUS_M, 0.0], 1.0, "0 0 0", 0.0)
+    return rod("".join(texts), start, [1.0, 0.0, 0.0, 0.0, 1.0 / RADIUS_M, 0.0], 1.0, "0 0 0", 0.0, step_s)
 
 
 def scene(stated: dict[str, Any], models: dict[str, str]) -> PreparedRun:
@@ -147,7 +149,7 @@ def main() -> None:
     pairs = {
         "capture into 256 pieces, into the cone": (capture(pieces=True), capture(pieces=False)),
         "rod over 64 boxes, over one": (on_floor(SECTORS), on_floor(1)),
-        "rod in a ring of 64 facets": (in_ring(),),
+        **{f"rod in a ring of 64 facets, steps of {1e3 * step_s:g} ms": (in_ring(step_s),) for step_s in (1e-3, STEP_S)},
     }
     for name, runs in pairs.items():
         spent = [min(times) for times in zip(*([in_memory(run) for run in runs] for _ in range(repeats)), strict=True)]

@@ -26,6 +26,7 @@ cdef class ContactEvaluation:
     cdef double* roundings(self) except NULL
     cdef double largest_slip(self) noexcept
     cdef bint only_drifts(self) noexcept
+    cdef bint stays_idle(self) except -1
     cdef double presses(self, Py_ssize_t p) except? -2.0
     cdef double margin(self) except? -2.0
     cdef bint slides_on(self) except -1

@@ -9,6 +9,7 @@ cimport cython
 
 import numpy as np
 
+from ffsm_mj.contact_models.persistent.friction.choice import OPENS
 from ffsm_mj.contact_models.persistent.friction.cones import ON_CONE
 from ffsm_mj.contact_models.persistent.friction.problem import ActiveRows
 from ffsm_mj.contact_models.persistent.friction.internal_forces import FRICTION_ROUNDING
@@ -27,6 +28,7 @@ from ffsm_mj._core.stages cimport empty_stage, finish_stage, generalise, Smooth,
 
 
 cdef double _RATE = RATE, _ON_CONE = ON_CONE, _FRICTION_ROUNDING = FRICTION_ROUNDING, _CANCELLED = CANCELLED, _RANK = RANK
+cdef double _OPENS = OPENS
 
 
 # Points slide on, without a decision on the modes, above this many times the speeds at which they stop and the rounding of
@@ -254,6 +256,16 @@ cdef class ContactEvaluation:
         # The determinant of the linear problem has a sign; where it changes, at Painleve's limit, the normal force has no
         # solution.
         return self.forward > 0.0 and self.active().has_sign()
+
+    cdef bint stays_idle(self) except -1:
+        """Whether no point needs a force to stay closed, nor opens: all second rates of the gaps are rounding."""
+        cdef double* rounding = self.roundings()
+        cdef Py_ssize_t p
+        for p in range(self.memory.points):
+            # As the choice of modes says of points that are closed without force; NaN counts as beyond.
+            if not fabs(self.b[3 * p]) <= _OPENS * rounding[p]:
+                return False
+        return True
 
     cdef double presses(self, Py_ssize_t p) except? -2.0:
         """Margin by which the normal force of a point exceeds its rounding, m/s^2."""

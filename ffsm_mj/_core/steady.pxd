@@ -21,6 +21,7 @@ cdef class RuleColumns:
         const double* use,
         const double* speeds,
     ) except -1
+    cdef int write_idle(self) except -1
     cdef void clear(self) noexcept
     cdef void finish(self) noexcept
     cdef void add_pair(self, Py_ssize_t i, const double* out) noexcept
@@ -36,7 +37,7 @@ cdef class SteadyContacts(SteadyForces):
     # Closed contacts, as they were taken over
     cdef object points, pressing, generation, point_modes, evaluator
     cdef public bint is_varied  # whether forces are varied by rounding, and those of a decision count
-    cdef bint possible, rubs, sliding, others, is_level
+    cdef bint possible, rubs, sliding, idle, others, is_level
     cdef Smooth smooth
     cdef StageForces inside
     cdef StuckPatches patches

@@ -1,7 +1,7 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True
 """Shortcut through steady states, and their log columns: all contact points carry force, and all stick or all slide.
 
-Points without friction press in either case. States are evaluated by the contact problem that the choice of modes finds
+Points without friction press in either case. Or none carries force: bodies float side by side, as after a plastic impact. States are evaluated by the contact problem that the choice of modes finds
 where a state is not steady.
 """
 
@@ -27,7 +27,7 @@ from ffsm_mj._core.stages import dip
 from ffsm_mj._core.tick cimport SteadyForces
 
 
-cdef double _PRESSING = RuleMode.PRESSING, _STICKING = RuleMode.STICKING, _SLIDING = RuleMode.SLIDING
+cdef double _CLOSED = RuleMode.CLOSED, _PRESSING = RuleMode.PRESSING, _STICKING = RuleMode.STICKING, _SLIDING = RuleMode.SLIDING
 cdef const double[::1] _NOTHING = NOTHING
 cdef Py_ssize_t COLUMNS = IMPULSE
 cdef enum:
@@ -55,7 +55,7 @@ cdef inline double norm(const double* v) noexcept nogil:
 
 
 cdef class RuleColumns:
-    """Columns of the rules of pairs all of whose points carry force, and all stick or all slide."""
+    """Columns of the rules of pairs all of whose points carry force, and all stick or all slide, or none of them does."""
 
     def __init__(self, by_pair, shares, tables):
         """Find the points, groups of points and rows of each pair."""
@@ -98,6 +98,21 @@ cdef class RuleColumns:
             if self.parts[i, FRICTION_ROW] >= 0:
                 self.add_friction(i, axes, forces, use, speeds, out)
             self.add_pair(i, out)
+        self.finish()
+        return 0
+
+    cdef int write_idle(self) except -1:
+        """The same where no point carries force: there is no centre of pressure."""
+        cdef Py_ssize_t i
+        cdef int j
+        cdef double[9] out
+        self.clear()
+        memset(out, 0, sizeof(out))
+        for j in range(3, 6):
+            out[j] = NAN
+        for i in range(self.parts.shape[0]):
+            self.add_pair(i, out)
+            self.values[self.parts[i, ROW], MODE] = _CLOSED
         self.finish()
         return 0
 
@@ -197,7 +212,7 @@ cdef double GAP_M = PROJECTED_GAP_M, RATE_M_S = PROJECTED_RATE_M_S, SLIP_M_S = P
 
 
 cdef class SteadyContacts(SteadyForces):
-    """Closed contacts of which all points carry force, and all with friction stick or all slide."""
+    """Closed contacts of which all points carry force, and all with friction stick or all slide, or none carries force."""
 
     def __init__(self, closed, system):
         self.closed, self.modes, self.solver, self.system = closed, closed.modes, closed.solver, system
@@ -227,15 +242,16 @@ cdef class SteadyContacts(SteadyForces):
         closed, solver = self.closed, self.solver
         self.points, self.pressing, self.generation = closed.contact_points, closed.pressing, self.modes.generation
         self.kinematics, self.state, self.possible, self.sliding = None, None, False, False
+        self.idle = not closed.pressing
         if not closed.may_be_steady:
             return 0
         self.point_modes = self.modes.of(self.points)
         self.sliding = self.point_modes.all_slide
         # With some points sliding and others sticking modes may change at any of them: such states are decided one by one.
-        if not self.sliding and not self.point_modes.all_stick:
+        if not (self.point_modes.none_presses if self.idle else self.sliding or self.point_modes.all_stick):
             return 0
         self.mu = self.point_modes.mu
-        self.patches = None if self.sliding else patches_of(solver.evaluator(self.points))
+        self.patches = None if self.sliding or self.idle else patches_of(solver.evaluator(self.points))
         self.possible, motion = True, closed.motion
         self.smooth, self.evaluator = solver.smooth, solver.evaluator(self.points)
         self.inside, self.data = solver.stage_forces(self.points), motion.data
@@ -289,7 +305,10 @@ cdef class SteadyContacts(SteadyForces):
             self.extremes[0] >= -_FEATURE_BOUND_M and self.extremes[1] <= _DRIFT_M and self.extremes[2] <= _DRIFT_M_S
         ):
             return False
-        if self.sliding:
+        if self.idle:
+            if not self.evaluation.stays_idle():
+                return False
+        elif self.sliding:
             if not self.evaluation.slides_on():
                 return False
         # A force at its cone or a normal force that pulls: the choice of modes decides. NaN counts as outside.
@@ -330,7 +349,8 @@ cdef class SteadyContacts(SteadyForces):
                 return False
         elif self.rubs and (
             # Sticking points creep by rounding and truncation; beyond this the creep is projected out too.
-            self.evaluation.largest_slip() > SLIP_M_S or not self.modes.keep_still(self.points, self.point_modes.kinds)
+            (not self.idle and self.evaluation.largest_slip() > SLIP_M_S)
+            or not self.modes.keep_still(self.points, self.point_modes.kinds)
         ):
             return False
         self.closed.begin_steady_step()
@@ -370,11 +390,14 @@ cdef class SteadyContacts(SteadyForces):
             closed.push(data)
             return
         if stepper.inside:
-            closed.stages.append(self.inside.add_to(self.applied))
+            if not self.idle:
+                closed.stages.append(self.inside.add_to(self.applied))
             return
         n = self.applied.shape[0]
         memcpy(&self.other[0], &self.applied[0], n * sizeof(double))
         self.solver.other_forces = self.pushes
+        if self.idle:
+            return
         if not self.holds():
             closed.push(data)
             return
@@ -390,6 +413,9 @@ cdef class SteadyContacts(SteadyForces):
         cdef Py_ssize_t p, n
         if not self.holds():
             return False
+        if self.idle:
+            self.columns.write_idle()
+            return True
         n = self.memory.points
         forces = self.evaluation.present_forces()
         for p in range(n):
@@ -420,6 +446,11 @@ cdef class SteadyContacts(SteadyForces):
         cdef Py_ssize_t s, i, g, n, first
         if not self.holds():
             return False
+        # A negative gap is an overlap: that at the end of the step counts, as in the general case.
+        if self.idle:
+            memset(sums, 0, 21 * sizeof(double))
+            self.deepest[0] = max(self.deepest[0], -self.lowest)
+            return True
         stages, weights = self.closed.stages, self.closed.motion.forced_stepper.weights
         n = weights.shape[0]
         first = len(stages) - 1 - n  # the last one of all is at the end of the step
@@ -456,6 +487,5 @@ cdef class SteadyContacts(SteadyForces):
         if self.rubs:
             self.columns.work_J[0] += total
         self.heat_J[0] += heat_J
-        # A negative gap is an overlap: that at the end of the step counts, as in the general case.
         self.deepest[0] = max(self.deepest[0], -self.lowest)
         return True

@@ -401,7 +401,7 @@ class ClosedContacts:
         """Whether :attr:`steady` knows all that bounds a step: not tilts, joint limits, closed loops and dry friction."""
         closed = all(contact_points and not pair.is_limit for pair, contact_points in self.by_pair.items())
         others = self.motion.loops is not None or self.motion.rubs or self._tilts.bound_steps
-        return closed and not others and self.pressing == self.contact_points != ()
+        return closed and not others and self.contact_points != () and self.pressing in (self.contact_points, ())
 
     def begin_steady_step(self) -> None:
         """Begin an explicit step with the active set of the step before, in which no point slides."""

@@ -12,6 +12,7 @@ import ffsm_mj
 from ffsm_mj._core.steady import SteadyContacts
 from ffsm_mj.contact_models.persistent import closed_contacts
 from ffsm_mj.contact_models.persistent.closed_contacts import ForceSolver
+from ffsm_mj.contact_models.persistent.rule_columns import RuleMode
 from ffsm_mj.tolerances import PROJECTED_SLIP_M_S
 from tests.ticks import in_the_loop
 
@@ -47,8 +48,23 @@ PADS = {
 }
 
 
-def held(folder, *, pad="plates", mu=0.5, one_rule=True, squeeze=4.0, drift=0.0, spin=(0.0, 0.0, 0.0), slip=0.0):
-    """A box between two pads that press on it with a constant force; it slips along them with ``slip`` m/s."""
+def held(
+    folder,
+    *,
+    pad="plates",
+    mu=0.5,
+    one_rule=True,
+    squeeze=4.0,
+    drift=0.0,
+    turn=TURN,
+    spin=(0.0, 0.0, 0.0),
+    slip=0.0,
+    phases=(),
+):
+    """A box between two pads that press on it with a constant force; it slips along them with ``slip`` m/s.
+
+    Before they do, they press with each of the forces ``phases`` for 0.02 s.
+    """
     form, inwards = PADS[pad]
     folder.mkdir(exist_ok=True)
     (folder / "robot.xml").write_text(gripper(form, inwards))
@@ -68,23 +84,26 @@ def held(folder, *, pad="plates", mu=0.5, one_rule=True, squeeze=4.0, drift=0.0,
             "joints": {"low": close, "high": -close},
             "rates": {
                 "base": [0.1, 0.0, -0.05, *spin],
-                "wrist": TURN,
-                "box/free": [0.1, 0.0, slip - 0.05, *spin[:2], spin[2] + TURN],
+                "wrist": turn,
+                "box/free": [0.1, 0.0, slip - 0.05, *spin[:2], spin[2] + turn],
             },
         },
         "contacts": {"rules": rules},
         "phases": [
             {
-                "name": "hold",
-                "until": "end",
+                "name": f"hold {number}",
+                **ends,
                 "controller": {
                     "kind": "pd",
                     "joints": ["low", "high"],
                     "kp": 1.0,
                     "kd": drift,
-                    "target": [close + squeeze, -close - squeeze],
+                    "target": [close + force, -close - force],
                 },
             }
+            for number, (force, ends) in enumerate(
+                [*((each, {"for_s": 0.02}) for each in phases), (squeeze, {"until": "end"})]
+            )
         ],
     }
     path = folder / "scene.yaml"
@@ -151,6 +170,25 @@ def test_a_grip_that_slides_until_it_holds(tmp_path, monkeypatch, decided):
     np.testing.assert_allclose(stops, others, rtol=0.0, atol=ROUNDING)
     np.testing.assert_allclose(np.array(log.rows), np.array(other.rows), rtol=ROUNDING, atol=ROUNDING)
     assert taken < len(decided) - taken, "the second run has as many while it slides, and more where it sticks"
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.5])
+@pytest.mark.parametrize("pad", PADS)
+def test_bodies_that_float_side_by_side(tmp_path, monkeypatch, decided, pad, mu):
+    """They touch without force, pressed together from 0.02 s on and pulled apart from 0.04 s on.
+
+    While they float along each other nothing is decided, and what begins is seen at once.
+    """
+    log, other, taken = both(
+        tmp_path, monkeypatch, decided, pad=pad, mu=mu, turn=0.0, slip=3e-3, phases=(0.0, 2.0), squeeze=-2.0
+    )
+    np.testing.assert_allclose(np.array(log.rows), np.array(other.rows), rtol=ROUNDING, atol=ROUNDING)
+    modes = np.array(log.column("contact.robot_box_mode"))
+    assert modes[10] == RuleMode.CLOSED
+    assert modes[30] > RuleMode.CLOSED
+    assert modes[50] == RuleMode.OPEN
+    assert [record.time_s for record in log.records["contact_endings"]] == [pytest.approx(0.04, abs=1e-12)] * 2
+    assert taken < len(decided) - taken
 
 
 @pytest.mark.parametrize("pad", ["plates", "balls"])

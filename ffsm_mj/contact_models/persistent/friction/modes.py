@@ -97,6 +97,11 @@ class PointModes:
         return self.any_sliding and not self.any_straight and bool((self.kinds == SLIDE).all())
 
     @cached_property
+    def none_presses(self) -> bool:
+        """Whether all points are closed without force."""
+        return bool((self.kinds == CLOSED).all())
+
+    @cached_property
     def stick_mu(self) -> FloatArray:
         """Coefficients of friction of the points that stick; zero at the others, (k,)."""
         return np.where(self.kinds == STICK, self.mu, 0.0)
