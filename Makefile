@@ -68,10 +68,10 @@ llms:        ## llms.txt, the index of the user guide for language models
 	python3 docs/site_hooks.py > llms.txt
 reference:   ## regenerate the committed log reference
 	uv run python docs/log_reference.py > docs/log-reference.md
-test:
+test:        ## a tenth of the slow tests and all others; test-slow: all
 	uv run --group dev pytest
-test-fast:
-	uv run --group dev pytest -m "not slow"
+test-slow:
+	uv run --group dev pytest --slow
 build:       ## build the wheel and try it in an empty environment
 	uv build --wheel --out-dir dist
 	uv run --isolated --no-project --with dist/*.whl --directory / ffsm check baseline

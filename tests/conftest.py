@@ -22,7 +22,12 @@ from tests.collection import pytest_collection, pytest_make_collect_report  # no
 from tests.contact_models.joint_friction.drive import Drive
 from tests.contact_models.spring import Spring
 from tests.contact_models.weld import Weld
-from tests.long_share import pytest_addoption, pytest_collection_modifyitems  # noqa: F401 (found by pytest)
+from tests.long_share import (  # noqa: F401 (found by pytest)
+    pytest_addoption,
+    pytest_collection_modifyitems,
+    pytest_runtest_logreport,
+    pytest_sessionfinish,
+)
 from tests.scenes import compile_paths
 
 MJCF = scenarios_dir().parent / "mjcf"
@@ -37,7 +42,7 @@ def pytest_configure(config: pytest.Config) -> None:
     if sys.dont_write_bytecode and hasattr(config, "cache"):
         os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
         os.environ["PYTHONPYCACHEPREFIX"] = str(config.cache.mkdir("bytecode"))
-    long_share.every_case = config.getoption("--long")
+    long_share.pytest_configure(config)
     # Nothing here renders with MuJoCo, which would look for GLFW in each process, by a process of its own.
     os.environ.setdefault("MUJOCO_GL", "disable")
     # Commands in messages begin as the user called the program; the suite may or may not run under uv.

@@ -39,7 +39,6 @@ def path(request):
     return request.param
 
 
-@pytest.mark.slow
 def test_it_prints_and_shows_what_is_stored(path, tmp_path, monkeypatch):
     """``make notebooks`` stores it; digits at the level of rounding may differ, and no sheet is empty."""
     for variable in ("IPYTHONDIR", "JUPYTER_RUNTIME_DIR"):  # nothing of it in the home of whoever runs the suite

@@ -104,7 +104,6 @@ def test_thousands_against_forty_digits(score):
         assert_exact(given, [turned(flat(block), axes) for block in (Q[:2, :2], Q[:2, 2:], Q[2:, 2:])], blocks)
 
 
-@pytest.mark.slow
 @pytest.mark.long
 @pytest.mark.parametrize("scenario", ["baseline", "no-actuation", "free-flying", "slow-impact"])
 def test_along_the_papers_runs(scenario, monkeypatch):
@@ -356,7 +355,6 @@ def test_doubling_takes_over_where_eigenvectors_are_useless(monkeypatch):
     np.testing.assert_allclose(P3, (2.0, 0.0, 0.0, 2.0), atol=1e-14)
 
 
-@pytest.mark.slow
 @pytest.mark.long
 @pytest.mark.parametrize(("duration_s", "ticks", "corrected"), [(12, 400, 0), (60, 7000, 1)])
 def test_along_a_run_in_space(duration_s, ticks, corrected):
@@ -376,7 +374,6 @@ def test_along_a_run_in_space(duration_s, ticks, corrected):
     assert sum(report["riccati_corrections"] for report in reports) == corrections.sum()
 
 
-@pytest.mark.slow
 @pytest.mark.long
 @pytest.mark.parametrize("duration_s", [2, 8, 12, 30])
 def test_baseline_with_scipy_in_the_loop(baseline, monkeypatch, duration_s):

@@ -223,7 +223,6 @@ def test_laws_of_a_script_run_where_they_are(tmp_path: Path, capsys: pytest.Capt
     assert "fuse cannot be imported by other processes: all runs are executed in this one" in capsys.readouterr().err
 
 
-@pytest.mark.slow
 @pytest.mark.long(by_turns=True)
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_a_driver_that_is_killed_is_resumed_to_the_same_table(
@@ -246,7 +245,6 @@ def test_a_driver_that_is_killed_is_resumed_to_the_same_table(
     assert told(campaign)[:8] == in_a_loop
 
 
-@pytest.mark.slow
 @pytest.mark.long
 def test_a_worker_that_is_killed_costs_nothing(tmp_path: Path, in_a_loop: list[tuple[Any, ...]]) -> None:
     """Nor is a run blamed for it: alone, it is made."""
@@ -263,7 +261,6 @@ def test_a_worker_that_is_killed_costs_nothing(tmp_path: Path, in_a_loop: list[t
     assert told(campaign)[:8] == in_a_loop
 
 
-@pytest.mark.slow
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore")  # of distributed, about its own sockets
 def test_a_scheduler_that_is_killed_is_a_loss_of_nothing(

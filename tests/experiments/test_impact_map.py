@@ -206,7 +206,6 @@ def test_optima_are_stationary_and_better_than_samples():
         assert abs(high - low) / 2e-4 < 1e-3  # of 1.8 N s per rad or m; at a sample it is 0.1 and more
 
 
-@pytest.mark.slow
 @pytest.mark.long
 def test_range_of_impulses_of_the_case_study():
     """Anchors: from at most 0.7448 to at least 1.798 N s where the run has 1.22238 (its link 3 lies along the face then)."""

@@ -17,7 +17,6 @@ ROUNDING = ("checks.", "drift", "deepest_overlap_m", "wall_s", "cpu")
 """Residuals and what a row cost differ from machine to machine."""
 
 
-@pytest.mark.slow
 @pytest.mark.long
 @pytest.mark.parametrize("rows", [1, 8])
 def test_the_first_rows_of_the_page_are_made_again(tmp_path: Path, rows: int) -> None:

@@ -28,7 +28,6 @@ def test_impacts_that_stick_say_nothing_of_mu():
     assert fitted.e.high - fitted.e.low < 1e-9
 
 
-@pytest.mark.slow
 def test_exact_impacts_in_space_give_their_coefficients():
     fitted = fit(blocks(8), "stronge", (0.15, 0.5))
     assert (fitted.mu.value, fitted.e.value) == pytest.approx((MU, E), abs=1e-7)

@@ -104,7 +104,6 @@ def test_a_metre_that_is_short_is_seen_in_the_fall(tmp_path):
     assert JumpSearch(prepared.system.mj, recordings).jumps().fall == pytest.approx(0.98, abs=4e-3)
 
 
-@pytest.mark.slow
 def test_intervals_cover_the_truth_in_a_tenth_of_the_samples(puck, tmp_path):
     """Of ten 95 % intervals at least eight cover the truth: with a coverage of 0.95 with probability 0.988."""
     assert min(covered(range(10), puck, tmp_path)) >= 8

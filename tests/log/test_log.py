@@ -144,7 +144,6 @@ def start_run(folder, *arguments):
     return process
 
 
-@pytest.mark.slow
 def test_a_killed_run_is_readable(tmp_path):
     process = start_run(tmp_path / "out")
     os.kill(process.pid, signal.SIGKILL)

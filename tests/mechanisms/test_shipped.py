@@ -26,7 +26,6 @@ def gripped():
     return ffsm_mj.run("gripper-2f85")
 
 
-@pytest.mark.slow
 def test_a_linkage_gripper_holds_a_cube_by_friction_and_lets_it_go(gripped):
     """No slip while it swings; from the release on the cube has its velocity and no force."""
     run = gripped
@@ -43,7 +42,6 @@ def test_a_linkage_gripper_holds_a_cube_by_friction_and_lets_it_go(gripped):
         assert np.ptp(run[f"state.v_cube_free_v{axis}_m_s"][free]) < 1e-13
 
 
-@pytest.mark.slow
 def test_loads_in_the_linkage_are_in_equilibrium(gripped):
     """All is at rest after the grip: a pin's moment on its coupler is what the stop takes, on both drivers the servo's.
 
@@ -75,7 +73,6 @@ def test_loads_in_the_linkage_are_in_equilibrium(gripped):
     assert total == pytest.approx(-5.0, abs=1e-6)
 
 
-@pytest.mark.slow
 def test_servos_of_an_arm_take_an_impact():
     """Friction leaves each joint within f / kp of its setpoint, and all heat, work and impact energy in the balance."""
     run = ffsm_mj.run("servo-arm")
@@ -92,7 +89,6 @@ def test_servos_of_an_arm_take_an_impact():
     assert run["balance.total_joint_friction_heat_J"][-1] > 0.0
 
 
-@pytest.mark.slow
 def test_an_impact_does_not_see_the_drives():
     """Impulse of the first impact with servos, and with ideal motors and no friction: forces that are bounded have none."""
     joints = ("pan", "lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
@@ -113,14 +109,12 @@ def script(name):
     return runpy.run_path(str(DOCS / f"{name}.py"))
 
 
-@pytest.mark.slow
 def test_the_table_of_the_linkage_gripper_is_current(gripped):
     page = (DOCS / "grippers.md").read_text()
     assert "\n".join(script("linkage_gripper")["table"](gripped)) in page
 
 
 @pytest.mark.long
-@pytest.mark.slow
 def test_the_table_of_the_servo_arm_is_current():
     made, page = script("servo_arm"), (DOCS / "grippers.md").read_text()
     runs = {name: ffsm_mj.run("servo-arm", overrides) for name, (overrides, *_) in made["DRIVES"].items()}

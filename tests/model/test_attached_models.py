@@ -81,7 +81,6 @@ def scenario(models: Path, **changes: object) -> Path:
 
 
 @pytest.mark.long
-@pytest.mark.slow
 def test_run_folder_and_log_suffice_without_the_original_files(models, tmp_path, capsys):
     all_files = {path.relative_to(models).as_posix() for path in models.rglob("*.*")} - {"ball.xml"}
     run, alone = tmp_path / "run", tmp_path / "alone.mcap"

@@ -38,7 +38,6 @@ def test_a_mesh_becomes_a_sphere_with_the_same_name_class_and_contype():
     assert model.ntex == 0
 
 
-@pytest.mark.slow
 @pytest.mark.long(by_turns=True)
 @pytest.mark.parametrize("robot", FILES)
 def test_a_ball_hits_every_robot(robot, request):

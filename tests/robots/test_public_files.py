@@ -20,7 +20,7 @@ from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.files import ModelFiles, read_model
 from tests.robots.vendors import vendor_path
 
-pytestmark = [pytest.mark.robots, pytest.mark.slow]
+pytestmark = pytest.mark.robots
 
 STATES = 10
 WITHOUT_MASS = ("damping", "frictionloss", "stiffness", "equalities", "servos", "gravcomp", "sensors")

@@ -20,7 +20,7 @@ from ffsm_mj.cli.main import main
 from ffsm_mj.log.drawing import geoms_to_draw
 from tests.robots.published import ROBOTS, write_scenario
 
-pytestmark = [pytest.mark.robots, pytest.mark.slow]
+pytestmark = pytest.mark.robots
 
 FIGURES = {"motion", "base", "joints", "torques", "momenta", "energies", "conservation"}
 

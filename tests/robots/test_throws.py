@@ -20,7 +20,6 @@ DEEPEST_M = 1e-9
 
 
 @pytest.mark.robots
-@pytest.mark.slow
 @pytest.mark.long
 @pytest.mark.parametrize("seed", range(20))
 @pytest.mark.parametrize("robot", ROBOTS)

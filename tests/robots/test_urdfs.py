@@ -10,7 +10,7 @@ from ffsm_mj.model.files import read_model
 from tests.robots.menagerie import tried
 from tests.robots.urdfs import robots, stated, with_spheres, write_urdf
 
-pytestmark = [pytest.mark.robots, pytest.mark.slow]
+pytestmark = pytest.mark.robots
 
 ROBOTS = tuple(robots())
 REFUSED = (

@@ -18,7 +18,7 @@ from tests.mechanisms.reduced import closing
 from tests.robots.menagerie import on_a_bus, tried
 from tests.robots.vendors import vendor_path
 
-pytestmark = [pytest.mark.robots, pytest.mark.slow]
+pytestmark = pytest.mark.robots
 
 MAIN = {"robotiq_2f85": "2f85.xml", "universal_robots_ur5e": "ur5e.xml"}
 DRIVERS = ("right_driver_joint", "left_driver_joint")

@@ -150,7 +150,6 @@ def test_under_pressing_contacts_and_across_events(tmp_path, seed):
     assert all(check.passes for check in again.checks())
 
 
-@pytest.mark.slow
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("scenario", "period_s"),

@@ -11,8 +11,6 @@ import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.pytest_plugin import assert_conserved
 
-pytestmark = pytest.mark.slow
-
 
 def test_figures_of_the_run(baseline):
     """Paper: 7.77 s, 1.2226 N s, 0.2682 rad/s, 0.118 m, 1.169 m; tolerances as the owner set them for a 1 ms run."""

@@ -157,7 +157,6 @@ def hardware(tmp_path_factory):
 
 
 @pytest.mark.long
-@pytest.mark.slow
 def test_body_fixed_thrusters_stop_the_robot(hardware):
     """After the pause at most one shortest pulse of a pair is left on each axis, of the 1.2 N s that the hit gave.
 
@@ -172,7 +171,6 @@ def test_body_fixed_thrusters_stop_the_robot(hardware):
 
 
 @pytest.mark.long
-@pytest.mark.slow
 def test_thruster_log_adds_up(hardware):
     """Impulse is 5 N times on-time; no pulse is shorter than 20 ms; the jets' sum is at least what they took out."""
     total = 0.0
@@ -205,7 +203,6 @@ def test_hardware_robot_is_the_case_study_with_its_wheel_at_rest(case_study):
     np.testing.assert_allclose(M, mass_matrix(case_study.mj, plain)[:6, :6], atol=1e-12)
 
 
-@pytest.mark.slow
 @pytest.mark.long
 def test_spatial_scenario():
     """The tumbling satellite is hit, the spacecraft recovers and reaches the point; every law to the shipped tolerance."""

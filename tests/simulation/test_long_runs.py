@@ -32,7 +32,6 @@ def large(monkeypatch):
 
 
 @pytest.mark.long
-@pytest.mark.slow
 @pytest.mark.usefixtures("large")
 def test_memory_and_file_give_the_same_numbers(tmp_path):
     """Bit by bit, whether the rows were kept, went past in the run, or are read back block by block."""
@@ -172,7 +171,6 @@ def test_a_long_run_is_exported_in_parts(tmp_path, monkeypatch, form):
         assert parts.read().to_pandas().equals(whole.read().to_pandas())  # equal where both are NaN
 
 
-@pytest.mark.slow
 @pytest.mark.long(by_turns=True)
 @pytest.mark.parametrize(("duration_s", "kept_MiB"), [(6, 4), (110, 64), (400, 64), (3000, 64)])
 def test_a_long_baseline_holds_in_little_memory_and_a_leak_is_found(tmp_path, duration_s, kept_MiB):
@@ -215,7 +213,6 @@ def peak_MB(code: str, kept_MiB: int = 64) -> float:
 
 
 @pytest.mark.long
-@pytest.mark.slow
 def test_memory_is_flat_while_a_run_is_written_and_read(tmp_path):
     """Two balls at 1 kHz, 10 s and 60 s: rows of 60 s are 50 MB. What grows is the index, 1 kB per chunk."""
     path = two_balls(tmp_path, gap=500.0)

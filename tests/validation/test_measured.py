@@ -38,7 +38,6 @@ def test_exact_impacts_of_an_ellipse_are_read_and_fitted(tmp_path):
     assert moment_balance(impacts).r_squared == pytest.approx(1.0, abs=1e-12)
 
 
-@pytest.mark.slow
 def test_the_command_prints_what_it_computed(tmp_path, capsys):
     folder = write_ellipses(tmp_path / "data")
     assert main(["validate", "measured-ellipse", "--data", str(folder)]) == 0
@@ -49,7 +48,6 @@ def test_the_command_prints_what_it_computed(tmp_path, capsys):
     assert "May be claimed" not in out  # these are not the data that claims are about
 
 
-@pytest.mark.slow
 def test_a_reversed_tangent_is_reported_and_corrected(tmp_path):
     """Impacts of ours with the other sign: the bound of any law is then as far off as that of the published data."""
     folder = write_ellipses(tmp_path / "data", mirrored=True)
@@ -191,7 +189,6 @@ def test_both_engines_follow_a_flight(engine, tolerance):
     assert motion.failures == ()
 
 
-@pytest.mark.slow
 def test_tosses_of_our_own_are_predicted_exactly(tmp_path):
     """Too few to search on: with the (mu, e) that they were made with, only rounding is left."""
     folder = tmp_path / "data" / "tosses_processed"

@@ -261,7 +261,6 @@ def test_an_interrupted_page_leaves_no_worker_behind(tmp_path, number):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.slow
 def test_committed_page_tells_of_the_baseline(baseline, case_study):
     """The whole page is checked by ``ffsm validate --check`` in CI; here the baseline's column, from its log."""
     values = measure(baseline, case_study)
@@ -271,7 +270,6 @@ def test_committed_page_tells_of_the_baseline(baseline, case_study):
             assert float(ours) == pytest.approx(values[printed.key], abs=10.0 ** -len(ours.partition(".")[2]))
 
 
-@pytest.mark.slow
 def test_mass_centre_moves_at_p_over_m(baseline, case_study):
     """Whatever the arm does: RK4 leaves 4e-11 of momentum. No controller can do better than the bound."""
     seen = drift(baseline, case_study)

@@ -43,7 +43,7 @@ from ffsm_mj.tolerances import (
 
 Points: TypeAlias = tuple[ContactPoint, ...]
 _AT_BOUND = 0.9
-"""A drift that ends a step has reached this share of its bound, however a replay rounds; see ``before_drift`` in ``model.py``."""
+"""A drift that ends a step has reached this share of its bound, however a replay rounds; see ``before_drift``."""
 _PATCH_POINTS = 3
 """Contact points of two convex geoms are corners of a convex polygon or ends of a line: three are not on a line."""
 

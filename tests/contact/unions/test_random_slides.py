@@ -28,17 +28,17 @@ def test_pieces_change_nothing(share):
 
 
 def test_a_step_that_drift_ends_does_so_at_the_same_time_on_all_pieces(tmp_path):
-    """The rim of a cylinder rolls and slides: dozens of steps are too long for its gap, none of them by rounding.
+    """The rim of a cylinder rolls and slides: many a step is too long for its gap, none of them by rounding.
 
     Located as a root of the gap, these times are 1e-11 s apart, and forces 1e-9 N, on other pieces.
     """
     drawn, ends = draw(43), []
     for number, place in enumerate((drawn.on_whole, drawn.on_pieces, drawn.on_other_pieces)):
-        changes = ffsm_mj.run(place(tmp_path / str(number))).log.records["contact_changes"]
+        changes = ffsm_mj.run(place(tmp_path / str(number)), {"duration_s": 0.082}).log.records["contact_changes"]
         ends.append(np.array([(record.time_s, record.force_before_N) for record in changes]).T)
     times_s, forces_N = ends[0]
-    assert len(times_s) > 40
+    assert len(times_s) > 5
     for others_s, others_N in ends[1:]:
-        # It fell on the box at times one rounding apart, which a changing load passes on.
+        # It fell on the box at times one rounding apart, and all else passes that on.
         np.testing.assert_allclose(others_s, times_s, rtol=1e-13, atol=0.0)
         np.testing.assert_allclose(others_N, forces_N, rtol=2e-11, atol=0.0)

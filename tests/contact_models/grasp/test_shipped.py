@@ -28,7 +28,6 @@ def captured(run):
     return capture
 
 
-@pytest.mark.slow
 def test_the_satellite_is_caught_brought_to_rest_and_let_go():
     run = ffsm_mj.run("capture")
     proved(run)
@@ -94,7 +93,6 @@ def spin_about_centre(model, run, row):
 REDUCED_MASS_KG = 152.0 * 90.0 / 242.0
 
 
-@pytest.mark.slow
 def test_the_probe_is_guided_and_locked():
     """The head meets the cone once, along its normal, and then the latches.
 
@@ -128,7 +126,6 @@ def test_the_probe_is_guided_and_locked():
 
 
 @pytest.mark.long
-@pytest.mark.slow
 def test_two_arms_and_a_port_hold_the_satellite_and_one_arm_lets_go():
     """Mobility by counting: 18 + 6 less 6 by each grasp. At rest in the port no arm carries anything."""
     run = ffsm_mj.run("berth", {"duration_s": 41.0})

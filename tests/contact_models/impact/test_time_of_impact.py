@@ -190,7 +190,6 @@ def touch_of_plate(system, data, speed, step, offset, *, start=0.0):
     return None
 
 
-@pytest.mark.slow
 @pytest.mark.long
 @pytest.mark.parametrize("speed", [1000.0, 100.0, 10.0])
 @pytest.mark.parametrize("score", range(10))

@@ -11,8 +11,6 @@ import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.replay import replay_log
 
-pytestmark = pytest.mark.slow
-
 GRAVITY = 9.81
 
 

@@ -36,7 +36,6 @@ def test_the_frame_is_one_solid_of_twelve_bars():
 
 
 @pytest.mark.long
-@pytest.mark.slow
 def test_the_pads_slide_over_the_joint_and_hold():
     run = proved(ffsm_mj.run("handrail"))
     assert [phase.name for phase in run.phases] == ["close", "touch", "brake", "grip", "retract"]

@@ -53,7 +53,6 @@ def facet_normals():
 
 
 @pytest.mark.long
-@pytest.mark.slow
 def test_the_facets_lead_the_probe_and_friction_holds():
     run = proved(ffsm_mj.run("nozzle-capture"))
     assert [(phase.name, phase.reason) for phase in run.phases] == [

@@ -103,7 +103,6 @@ def test_a_block_slides_and_spins_on_four_corners(tmp_path, step):
 
 
 @pytest.mark.long
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("step", "place", "of_heat"),
     [(8e-3, 16 * 1.1e-8, 16 * 2.4e-11), (4e-3, 1.1e-8, 2.4e-11), (2e-3, 7.6e-10, 1.7e-12)],  # of order 4

@@ -105,7 +105,6 @@ def simpson(values, dt):
 
 
 @pytest.mark.long
-@pytest.mark.slow
 def test_squeeze():
     """The cube comes to rest in the pads, is moved at half of what friction can, and slides off them completely."""
     run = ffsm_mj.run("squeeze")
