@@ -11,7 +11,7 @@ it takes the first, so the shortest stands there. Long tests of a single case fo
 well; ``long(by_turns=True)`` puts the first case of a costly series into this group. The choice is a fixed one: every run of
 the same tests, on every worker, does the same.
 
-Of all other tests those are slow that take half a second or more: they are listed in ``slow.txt``. A plain run of the whole
+Of all other tests those are slow that take 0.3 s or more: they are listed in ``slow.txt``. A plain run of the whole
 suite takes a tenth of them, one with ``--slow``, of some files or with ``-k`` or ``-m`` all.
 """
 
@@ -28,7 +28,7 @@ from tests.collection import in_order
 
 _SEED = 12
 _ONE_OF = 10
-_SLOW_S = 0.5
+_SLOW_S = 0.3
 _SLOW = Path(__file__).with_name("slow.txt")
 """Names of slow tests, a line each, without their cases; ``--note-slow`` writes it."""
 every_case = False
