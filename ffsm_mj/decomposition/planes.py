@@ -139,7 +139,8 @@ class _Partition:
         Raises:
             InputError: There are too many, or it takes too long.
         """
-        waiting, pieces = [self._whole()], list[Polytope]()
+        # Where the tolerance is above all faces, there are no planes.
+        waiting, pieces = [self._whole()] if len(self._planes.normals) else [], list[Polytope]()
         while waiting:
             cell = waiting.pop()
             cell.keep_reflex()
@@ -300,7 +301,7 @@ def partition(surface: Surface, tolerance_m: float, name: str) -> list[Polytope]
         raise InputError(f"{name}: its faces do not bound pieces ({error}); {_INSTEAD}") from error
     volume = sum(piece.volume for piece in pieces)
     allowed = _VOLUME * surface.volume + tolerance_m * np.linalg.norm(surface.areas, axis=1).sum()
-    if abs(volume - surface.volume) > allowed:
+    if not pieces or abs(volume - surface.volume) > allowed:  # what is allowed may be more than the whole volume
         raise InputError(
             f"{name}: the pieces have {volume:.9g} m3, the mesh has {surface.volume:.9g}: faces closer to each other than "
             f"tolerance_m = {tolerance_m:.3g} m; {_INSTEAD}"

@@ -224,3 +224,12 @@ def test_pieces_that_do_not_fill_the_mesh_are_refused():
     surface = surface_of((np.round(turn(vertices), 6), faces))
     with pytest.raises(InputError, match=r"the pieces have 0\.60.* m3, the mesh has 0\.00696"):
         pieces_of(surface, 1e-4)
+
+
+@pytest.mark.parametrize("tolerance_m", [0.05, 1.0])
+def test_a_tolerance_that_leaves_no_pieces_is_refused(tolerance_m):
+    """Nearly half the size of the part, so that nothing is thicker, and more than all of it, so that no face has a plane."""
+    with pytest.raises(
+        InputError, match=rf"the pieces have 0 m3, the mesh has 0\.000116: .* tolerance_m = {tolerance_m:g} m"
+    ):
+        pieces_of(surface_of(meshes.bracket()), tolerance_m)
