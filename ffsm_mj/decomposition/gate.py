@@ -1,6 +1,6 @@
 """The gate: only a mesh that bounds a solid is decomposed.
 
-It must be finite, closed, consistently oriented, without parts that overlap or are inside out. Beyond the gate every point
+It must be closed, consistently oriented, without parts that overlap or are inside out. Beyond the gate every point
 is inside or outside, and the methods need no repair, which would be another shape than that of the file.
 """
 
@@ -40,29 +40,21 @@ def gate(vertices: FloatArray, faces: IntArray, name: str) -> Gated:
     """Let a mesh pass that bounds a solid.
 
     Args:
-        vertices: (n, 3), m.
+        vertices: (n, 3), finite, m.
         faces: Vertices of its triangles, (m, 3).
         name: Name of the mesh and its file in messages.
 
     Raises:
-        InputError: It has too many faces, a number that is not finite, is not closed, not oriented or flat, or it overlaps
-            itself.
+        InputError: It has too many faces, is not closed, not oriented or flat, or it overlaps itself.
     """
     if len(faces) > MOST_FACES:
         raise InputError(f"{name}: {len(faces)} faces; at most {MOST_FACES} can be decomposed: simplify it")
-    if not np.isfinite(vertices).all():
-        wrong = int(np.flatnonzero(~np.isfinite(vertices).all(axis=1))[0])
-        raise InputError(f"{name}: vertex {wrong} is {_point(vertices[wrong])}; every coordinate must be finite")
-    if len(faces) and not 0 <= faces.min() <= faces.max() < len(vertices):
-        raise InputError(f"{name}: a face names vertex {faces.max()}; it has {len(vertices)}, counted from 0")
     surface = welded(vertices, faces)
     if len(surface.faces) < 4:
         raise InputError(f"{name}: {len(surface.faces)} triangles do not bound a solid")
     _refuse_open(surface, name)
-    volume = surface.volume
-    if abs(volume) <= _FLAT * surface.rounding * np.linalg.norm(surface.areas, axis=1).sum():
-        raise InputError(f"{name}: encloses no volume ({abs(volume):.3g} m3): its sides lie on each other")
-    turned = volume < 0.0
+    _refuse_flat(surface, name)
+    turned = surface.volume < 0.0
     surface = surface.turned() if turned else surface
     _refuse_overlaps(surface, name)
     _refuse_inside_out(surface, name)
@@ -73,16 +65,29 @@ def _point(point: FloatArray) -> str:
     return f"({' '.join(f'{value:.6g}' for value in point)})"
 
 
+def _refuse_flat(surface: Surface, name: str) -> None:
+    """Refuse a closed surface without a volume.
+
+    Raises:
+        InputError: It has none.
+    """
+    volume = abs(surface.volume)
+    if volume <= _FLAT * surface.rounding * np.linalg.norm(surface.areas, axis=1).sum():
+        raise InputError(f"{name}: has no thickness: it encloses {volume:.3g} m3, its sides lie on each other")
+
+
 def _refuse_open(surface: Surface, name: str) -> None:
     """Refuse edges that are not those of two triangles, once in each direction.
 
     Raises:
-        InputError: There is one.
+        InputError: There is one; or a closed surface has no volume and edges of more triangles.
     """
     start, end = surface.faces.reshape(-1), np.roll(surface.faces, -1, axis=1).reshape(-1)
     edges, of_edge = np.unique(np.sort(np.stack((start, end), axis=1), axis=1), axis=0, return_inverse=True)
     uses = np.bincount(of_edge.reshape(-1), minlength=len(edges))
     forward = np.bincount(of_edge.reshape(-1)[start < end], minlength=len(edges))
+    if uses.min() > 1 and uses.max() > 2:  # as of a sheet whose two sides share their edges: there are no parts to separate
+        _refuse_flat(surface, name)
     for wrong, what in (
         (uses == 1, "is not closed: {} edges belong to one triangle only; close its holes"),
         (uses > 2, "is not a surface: {} edges belong to more than two triangles; separate parts that touch"),

@@ -154,15 +154,12 @@ def _terrain(request: Request, depth_m: float) -> tuple[Polytope, ...]:
     """Prisms below an open mesh, whose tops are its triangles.
 
     Raises:
-        InputError: It is closed, overhangs or has a coordinate that is no number.
+        InputError: It is closed or overhangs.
     """
     from ffsm_mj.decomposition.terrain import mesh_prisms
 
-    vertices, faces = request.vertices, request.faces
-    if not np.isfinite(vertices[faces]).all():
-        raise InputError(f"{request.place}: has a coordinate that is not a finite number")
     try:
-        return mesh_prisms(vertices, faces, depth_m)
+        return mesh_prisms(request.vertices, request.faces, depth_m)
     except ValueError as error:
         raise InputError(f"{request.place}: 'method: prisms' cannot decompose it: {error}") from error
 

@@ -7,6 +7,7 @@ numbers in single precision as the shortest decimals that they stand for.
 from __future__ import annotations
 
 import posixpath
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -21,6 +22,10 @@ from ffsm_mj.model.xml import Element
 
 _STL_HEADER, _STL_TRIANGLE = 84, np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _MSH_HEADER = 16
+_CONTINUED = re.compile(r"(?<!\\)\n")
+"""Ends of the lines of an OBJ: a backslash before one continues the line."""
+_SHOWN = 60
+"""Characters of a malformed line that are shown."""
 
 
 def decimals(numbers: npt.NDArray[np.float32]) -> FloatArray:
@@ -56,7 +61,7 @@ class FileMesh:
             mesh: The mesh in it.
 
         Raises:
-            InputError: Its file cannot be read, or it has no faces.
+            InputError: Its file cannot be read, it has no faces, a vertex that is not finite, or a face without its vertex.
         """
         element = next(_elements_of(files, mesh), None)
         file = f" ({mesh.file})" if mesh.file else ""
@@ -65,6 +70,7 @@ class FileMesh:
         turn = np.empty(9)
         mujoco.mju_quat2Mat(turn, np.array(mesh.refquat) / np.linalg.norm(mesh.refquat))
         self._turn = turn.reshape(3, 3)
+        kind = ""
         if mesh.file:
             content = _content(files, spec, mesh.file, self.place)
             kind = posixpath.splitext(mesh.file)[1].lower() or f".{mesh.content_type.rpartition('/')[2]}"
@@ -76,6 +82,27 @@ class FileMesh:
             self.faces = np.array(list(mesh.userface), dtype=np.intp).reshape(-1, 3)
         if not len(self.faces):
             raise InputError(f"{self.place}: has no faces: MuJoCo takes the hull of its points, which is convex already")
+        self._refuse_wrong_numbers(1 if kind == ".obj" else 0)
+
+    def _refuse_wrong_numbers(self, first: int) -> None:
+        """Refuse coordinates that are not finite, and faces of vertices that are not there.
+
+        Args:
+            first: Number of the first vertex in the format.
+
+        Raises:
+            InputError: There is one.
+        """
+        infinite = np.flatnonzero(~np.isfinite(self.vertices).all(axis=1))
+        if len(infinite):
+            point = " ".join(f"{value:.6g}" for value in self.vertices[infinite[0]])
+            number = f"vertex {infinite[0] + first}, counted from {first},"
+            raise InputError(f"{self.place}: {number} is ({point}); every coordinate must be finite")
+        missing = self.faces[(self.faces < 0) | (self.faces >= len(self.vertices))]
+        if len(missing):
+            raise InputError(
+                f"{self.place}: a face names vertex {missing[0] + first}; it has {len(self.vertices)}, counted from {first}"
+            )
 
     @property
     def compiled_vertices(self) -> FloatArray:
@@ -122,22 +149,51 @@ def _parsed(content: bytes, kind: str, place: str) -> tuple[FloatArray, IntArray
     """
     try:
         return {".obj": _obj, ".stl": _stl, ".msh": _msh}[kind](content)
-    except (ValueError, IndexError, KeyError, UnicodeDecodeError) as error:
-        raise InputError(f"{place}: cannot be read as {kind[1:].upper()} ({error})") from error
+    except (ValueError, KeyError, OverflowError) as error:
+        why = error if isinstance(error, _MalformedLineError) else "its content is not of this format, or cut off"
+        raise InputError(f"{place}: cannot be read as {kind[1:].upper()}: {why}") from error
+
+
+class _MalformedLineError(ValueError):
+    """A line of a mesh in text, counted from 1."""
+
+    def __init__(self, number: int, line: str) -> None:
+        super().__init__(f"line {number} is malformed: {line.strip()[:_SHOWN]!r}")
 
 
 def _obj(content: bytes) -> tuple[FloatArray, IntArray]:
-    """Vertices and faces of an OBJ; polygons become fans."""
-    vertices, faces = list[list[str]](), list[tuple[int, int, int]]()
-    for line in content.decode().replace("\\\n", " ").splitlines():
-        words = line.split()
-        if words[:1] == ["v"]:
-            vertices.append(words[1:4])
-        elif words[:1] == ["f"]:
-            numbers = [int(word.partition("/")[0]) for word in words[1:]]
-            corners = [number - 1 if number > 0 else len(vertices) + number for number in numbers]
-            faces += [(corners[0], corners[k], corners[k + 1]) for k in range(1, len(corners) - 1)]
+    """Vertices and faces of an OBJ; polygons become fans.
+
+    Raises:
+        _MalformedLineError: A vertex has fewer than three numbers, or a face what is no number of a vertex.
+    """
+    vertices, faces = list[tuple[float, float, float]](), list[tuple[int, int, int]]()
+    number = 1
+    for line in _CONTINUED.split("\n".join(content.decode().splitlines())):
+        words = line.replace("\\\n", " ").split()
+        try:
+            if words[:1] == ["v"]:
+                x, y, z = map(float, words[1:4])
+                vertices.append((x, y, z))
+            elif words[:1] == ["f"]:
+                corners = [_corner(word, len(vertices)) for word in words[1:]]
+                faces += [(corners[0], corners[k], corners[k + 1]) for k in range(1, len(corners) - 1)]
+        except ValueError as error:
+            raise _MalformedLineError(number, line) from error
+        number += 1 + line.count("\n")
     return np.array(vertices, dtype=np.float64).reshape(-1, 3), np.array(faces, dtype=np.intp).reshape(-1, 3)
+
+
+def _corner(word: str, count: int) -> int:
+    """Index of the vertex that a corner of a face names, from the first or back from the last one so far.
+
+    Raises:
+        ValueError: It names none.
+    """
+    number = int(word.partition("/")[0])
+    if number == 0 or number < -count:
+        raise ValueError
+    return number - 1 if number > 0 else count + number
 
 
 def _stl(content: bytes) -> tuple[FloatArray, IntArray]:

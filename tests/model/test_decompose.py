@@ -225,6 +225,46 @@ def test_bad_meshes_are_refused_by_place(tmp_path):
         compiled(path)
 
 
+@pytest.mark.parametrize("options", [{}, {"method": "prisms", "depth_m": 0.1}])
+@pytest.mark.parametrize(("written", "first"), [(obj, 1), (inline, 0), (msh, 0)])
+def test_vertices_are_counted_as_in_the_format(tmp_path, written, first, options):
+    vertices, faces = meshes.bracket()
+    path = write_model(tmp_path, written(vertices, np.vstack(([0, 1, 50], faces))))
+    what = f"a face names vertex {50 + first}; it has {len(vertices)}, counted from {first}$"
+    with pytest.raises(InputError, match=what):
+        compiled(path, **options)
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "prisms", "depth_m": 0.1}])
+def test_a_vertex_that_is_not_finite_is_shown_as_in_the_file(tmp_path, options):
+    """Turned and scaled, all its coordinates would be nan."""
+    vertices, faces = meshes.bracket()
+    vertices[3] = [np.nan, -0.1, 0.06]
+    path = write_model(tmp_path, obj(vertices, faces), mesh='scale="2 2 2" refquat="0.8 0 0.6 0"')
+    with pytest.raises(
+        InputError, match=r"vertex 4, counted from 1, is \(nan -0\.1 0\.06\); every coordinate must be finite"
+    ):
+        compiled(path, **options)
+
+
+@pytest.mark.parametrize(
+    ("file", "content", "what"),
+    [
+        ("a.obj", "# a\nv 0 0 0\nv 1 2\n", r"OBJ: line 3 is malformed: 'v 1 2'$"),
+        ("a.obj", "v 0 \\\n0 0\r\nv a b c", r"OBJ: line 3 is malformed: 'v a b c'$"),
+        ("a.obj", "v 0 0 0\nf 0 1 1", r"OBJ: line 2 is malformed: 'f 0 1 1'$"),
+        ("a.obj", "v 0 0 0\nf 1 1 -2", r"OBJ: line 2 is malformed: 'f 1 1 -2'$"),
+        ("a.obj", f"v 0 0 0\nf 1 1 {10**30}", r"OBJ: its content is not of this format, or cut off$"),
+        ("a.stl", "solid a", r"STL: its content is not of this format, or cut off$"),
+        ("a.msh", "", r"MSH: its content is not of this format, or cut off$"),
+    ],
+)
+def test_files_that_cannot_be_read_say_where(tmp_path, file, content, what):
+    path = write_model(tmp_path, (f'file="{file}"', {file: content.encode()}))
+    with pytest.raises(InputError, match=rf"part\.xml:1: mesh 'part' \({file}\): cannot be read as {what}"):
+        compiled(path)
+
+
 def test_a_missing_package_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr(coacd, "installed_version", lambda: None)
     path = write_model(tmp_path, inline(*meshes.bracket()))
