@@ -13,7 +13,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.log.recorder import Sink
 from ffsm_mj.records.events import OutcomeRecord
 from ffsm_mj.records.kinds import kind_of
-from ffsm_mj.records.metadata import LoggedTask, logged_task
+from ffsm_mj.records.metadata import LoggedTask, logged_start_s, logged_task
 from ffsm_mj.records.run_log import RunHeader, RunLog
 from ffsm_mj.records.signals import TIP_RATE, Layout
 from ffsm_mj.verification.checks import CheckAccumulator
@@ -70,7 +70,8 @@ class Digest(Sink):
         self._layout = header.layout
         self.check_accumulator = CheckAccumulator(header.layout, header.metadata)
         self.kept = KeptRows(header.layout, header.metadata)
-        self.contacts, self.grasps = ContactIntervals(header.layout), GraspIntervals(header.layout)
+        goes_on = logged_start_s(header.metadata) > 0.0
+        self.contacts, self.grasps = ContactIntervals(header.layout, goes_on=goes_on), GraspIntervals(header.layout)
         task = logged_task(header.metadata)
         self.tip = TipDigest(task) if task is not None else None
         self.samples, self.end_s = 0, 0.0

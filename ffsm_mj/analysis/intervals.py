@@ -14,10 +14,15 @@ from ffsm_mj.contact_models.persistent.record import (
     ContactEnds,
     ContactRecord,
 )
+from ffsm_mj.contact_models.persistent.rule_columns import RuleMode, mode_key, pairs_columns
 from ffsm_mj.records.events import Event
 from ffsm_mj.records.load_columns import load_columns_of
 from ffsm_mj.records.record import Values, declared, record
 from ffsm_mj.records.signals import Layout, identifier
+from ffsm_mj.ties import instant_s
+
+_UNNAMED = ""
+"""Stands for pairs that were closed at the first row, as long as no record names them."""
 
 
 @record
@@ -25,8 +30,14 @@ class ContactInterval:
     """Interval in which at least one pair of a contact rule is closed."""
 
     rule: str = declared("Name of the contact rule.")
-    pairs: tuple[str, ...] = declared("Names of its pairs that were closed in the interval, in the order of their closing.")
-    start_s: float = declared("Time at which the first pair closed: that of its first impact.")
+    pairs: tuple[str, ...] = declared(
+        "Names of its pairs that were closed in the interval, in the order of their closing; the rule's name stands for "
+        "those that are closed at the first row of a run that goes on and have no record."
+    )
+    start_s: float = declared(
+        "Time at which the first pair closed: that of its first impact; that of the first row in a run that goes on from "
+        "within the contact."
+    )
     end_s: float | None = declared(
         "Time at which the last one opened; None, NaN in tables, if one is closed at the end of the log."
     )
@@ -47,16 +58,22 @@ class ContactInterval:
 class _Slip:
     """Accumulator of slip in one interval."""
 
-    def __init__(self, begins: ContactRecord, columns: Sequence[int]) -> None:
+    def __init__(self, start_s: float, columns: Sequence[int]) -> None:
         self._columns, self._pairs = columns, set[str]()
-        self._at_s, self._sliding_s = begins.time_s, 0.0
+        self._at_s, self._sliding_s = start_s, 0.0
         self._before_m: float | None = None
         self._until_m = self.peak_use = 0.0
-        self.record(begins)
+
+    def go_on(self, row: FloatArray, *, slides: bool) -> None:
+        """Begin at a row at which the contact is closed already."""
+        self._pairs |= {_UNNAMED} if slides else set()
+        self._before_m = float(row[self._columns[1]]) if len(self._columns) else None
 
     def record(self, record: ContactRecord) -> None:
         """Process a record of the contact."""
         self._sliding_s, self._at_s = self.sliding_s(record.time_s), record.time_s
+        if not isinstance(record, ContactBegins):
+            self._pairs.discard(_UNNAMED)  # the record says from here on whether that pair slides
         if record.friction == "sliding":
             self._pairs.add(record.pair)
         else:
@@ -85,25 +102,35 @@ class _Slip:
 class _OpenContact:
     """Accumulator for one interval."""
 
-    def __init__(self, begins: ContactRecord, columns: Sequence[int], of_slip: Sequence[int]) -> None:
-        self.rule, self.start_s, self.end_s = begins.rule, begins.time_s, math.inf
-        self._slip, self._last_s = _Slip(begins, of_slip), begins.time_s
-        self._pairs, self._closed = [begins.pair], {begins.pair}
+    def __init__(
+        self, rule: str, start_s: float, impulse_N_s: float, columns: Sequence[int], of_slip: Sequence[int]
+    ) -> None:
+        self.rule, self.start_s, self.end_s = rule, start_s, math.inf
+        self._slip, self._last_s = _Slip(start_s, of_slip), start_s
+        self._pairs, self._closed = list[str](), set[str]()
+        self._unnamed = 0.0  # number of closed pairs that no record has named yet
         self._columns = columns
-        self._before = self._until = begins.impulse_N_s
-        self._peak, self._peak_s = begins.force_after_N, begins.time_s
+        self._before = self._until = impulse_N_s
+        self._peak, self._peak_s = -math.inf, start_s
+
+    def go_on(self, pairs: float, row: FloatArray, *, slides: bool) -> None:
+        """Begin at a row at which this many pairs are closed already."""
+        self._unnamed = pairs
+        self._slip.go_on(row, slides=slides)
 
     def record(self, record: ContactRecord) -> None:
         """Process a record of the contact."""
         self._until = record.impulse_N_s
         self._slip.record(record)
         self._higher(max(record.force_before_N, record.force_after_N), record.time_s)
-        if isinstance(record, ContactBegins):
+        begins = isinstance(record, ContactBegins)
+        if begins or (self._unnamed > 0.0 and record.pair not in self._closed):
+            self._unnamed -= not begins
             self._closed.add(record.pair)
             self._pairs += [record.pair] if record.pair not in self._pairs else []
-        elif isinstance(record, ContactEnds):
+        if isinstance(record, ContactEnds):
             self._closed.discard(record.pair)
-            self.end_s = math.inf if self._closed else record.time_s
+            self.end_s = math.inf if self._closed or self._unnamed > 0.0 else record.time_s
 
     def rows(self, times: FloatArray, block: FloatArray, before: FloatArray | None) -> None:
         """Process the rows within the interval; ``before`` is the row before the first one."""
@@ -130,9 +157,8 @@ class _OpenContact:
         impulse, slip = self._until - self._before, self._slip
         sliding_s = slip.sliding_s(self._last_s if end_s is None else end_s)
         of_slip = sliding_s, slip.slip_m, slip.peak_use
-        return ContactInterval(
-            self.rule, tuple(self._pairs), self.start_s, end_s, impulse, self._peak, self._peak_s, *of_slip
-        )
+        pairs = (*self._pairs, *([self.rule] if self._unnamed > 0.0 else []))
+        return ContactInterval(self.rule, pairs, self.start_s, end_s, impulse, self._peak, self._peak_s, *of_slip)
 
 
 class ContactIntervals:
@@ -141,9 +167,15 @@ class ContactIntervals:
     A record must be passed before the first block that extends beyond its time; all records of a log may come first.
     """
 
-    def __init__(self, layout: Layout) -> None:
-        """Start without records."""
+    def __init__(self, layout: Layout, *, goes_on: bool = False) -> None:
+        """Start without records.
+
+        Args:
+            layout: Columns of the rows.
+            goes_on: The run goes on from a state: no record tells of contacts that are closed there, the first row does.
+        """
         self._layout = layout
+        self._until_first_row: list[ContactRecord] | None = [] if goes_on else None
         self._spells: list[_OpenContact] = []
         self._lasting: dict[str, _OpenContact] = {}
         self._awaited: list[_OpenContact] = []
@@ -153,19 +185,39 @@ class ContactIntervals:
         """Process the next record; other kinds are ignored."""
         if not isinstance(event, ContactRecord):
             return
-        if isinstance(event, ContactBegins) and event.rule not in self._lasting:
-            spell = _OpenContact(
-                event,
-                self._columns(event.rule, "force_N", "impulse_N_s"),
-                self._columns(event.rule, "friction_use", "slip_m"),
-            )
-            self._lasting[event.rule] = spell
-            self._spells.append(spell)
-            self._awaited.append(spell)
-        elif event.rule in self._lasting:  # otherwise its start is in a damaged part of the log
-            self._lasting[event.rule].record(event)
-            if self._lasting[event.rule].end_s < math.inf:
-                del self._lasting[event.rule]
+        if self._until_first_row is not None:
+            self._until_first_row.append(event)
+        else:
+            self._record(event)
+
+    def _record(self, record: ContactRecord) -> None:
+        if isinstance(record, ContactBegins) and record.rule not in self._lasting:
+            self._open(record.rule, record.time_s, record.impulse_N_s)
+        if record.rule in self._lasting:  # otherwise its start is in a damaged part of the log
+            self._lasting[record.rule].record(record)
+            if self._lasting[record.rule].end_s < math.inf:
+                del self._lasting[record.rule]
+
+    def _open(self, rule: str, start_s: float, impulse_N_s: float) -> _OpenContact:
+        of_force, of_slip = self._columns(rule, "force_N", "impulse_N_s"), self._columns(rule, "friction_use", "slip_m")
+        spell = self._lasting[rule] = _OpenContact(rule, start_s, impulse_N_s, of_force, of_slip)
+        self._spells.append(spell)
+        self._awaited.append(spell)
+        return spell
+
+    def _go_on(self, row: FloatArray, records: Sequence[ContactRecord]) -> None:
+        """Process the first row of a run that goes on, and the records so far."""
+        time_s, index = float(row[self._layout.time]), self._layout.index
+        earlier = [told for told in records if told.time_s < time_s]
+        for told in earlier:
+            self._record(told)
+        for rule, column in pairs_columns(self._layout).items():
+            impulse = self._columns(rule, "impulse_N_s")
+            if row[column] > 0.0 and rule not in self._lasting and impulse:
+                slides = row[index.get(mode_key(rule), column)] == RuleMode.SLIDING
+                self._open(rule, time_s, float(row[impulse[0]])).go_on(float(row[column]), row, slides=bool(slides))
+        for told in records[len(earlier) :]:
+            self._record(told)
 
     def _columns(self, rule: str, *names: str) -> list[int]:
         """Those of some columns of a rule that exist."""
@@ -174,6 +226,9 @@ class ContactIntervals:
 
     def rows(self, block: FloatArray) -> None:
         """Process the next rows."""
+        if self._until_first_row is not None and len(block):
+            records, self._until_first_row = self._until_first_row, None
+            self._go_on(block[0], records)
         before, self._last_row = self._last_row, block[-1].copy() if len(block) else self._last_row
         if not self._awaited:
             return
@@ -184,7 +239,7 @@ class ContactIntervals:
 
     def intervals(self) -> tuple[ContactInterval, ...]:
         """All intervals so far in order of their start, except those of zero length."""
-        return tuple(spell.interval() for spell in self._spells if spell.end_s > spell.start_s)
+        return tuple(spell.interval() for spell in self._spells if spell.end_s > spell.start_s + instant_s(spell.start_s))
 
 
 @record

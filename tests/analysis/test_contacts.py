@@ -11,6 +11,7 @@ import ffsm_mj
 from ffsm_mj.analysis.intervals import ContactIntervals
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.contact_models.persistent.record import ContactBegins, ContactChanges, ContactEnds, ContactSlips
+from ffsm_mj.contact_models.persistent.rule_columns import signals_of
 from ffsm_mj.records.signals import Layout, Signal
 from ffsm_mj.report.record_tables import contact_table
 from ffsm_mj.report.run_report import run_report
@@ -149,6 +150,44 @@ def test_pairs_of_a_rule_share_an_interval_from_the_first_that_closes_to_the_las
 def test_of_a_contact_whose_beginning_is_lost_nothing_is_made_up():
     contacts = ContactIntervals(LAYOUT)
     contacts.event(record(ContactEnds, 2, 0.15, 0.0, 0.0, 0.75))
+    assert contacts.intervals() == ()
+
+
+def test_of_a_run_that_goes_on_the_first_row_tells_how_many_pairs_are_closed():
+    """Two pairs of the rule are closed at 1 s, one of which never has a record; a third one comes and goes."""
+    layout = Layout((*LAYOUT.signals, *(s for s in signals_of("a-b", friction=False) if s.key not in LAYOUT.index)))
+    rows = np.zeros((3, len(layout.signals)))
+    rows[:, :3] = [[1.0, 5.0, 0.5], [1.1, 2.0, 0.6], [1.2, 4.0, 0.9]]
+    rows[:, layout.index["contact.a_b_pairs"]] = 2.0, 2.0, 1.0
+    records = [
+        record(ContactBegins, 3, 1.02, 0.0, 1.0, 0.5, "two"),
+        record(ContactEnds, 4, 1.05, 0.0, 0.0, 0.55, "two"),
+        record(ContactEnds, 5, 1.15, 0.0, 0.0, 0.7, "one"),
+        record(ContactEnds, 6, 1.18, 0.0, 0.0, 0.8, "three"),
+    ]
+    for told, pairs, end_s, impulse in ((records[:3], ("two", "one", "a-b"), None, 0.4), (records, (), 1.18, 0.3)):
+        first, live = (ContactIntervals(layout, goes_on=True) for _ in range(2))
+        for each in told:
+            first.event(each)
+        first.rows(rows)
+        live.rows(rows[:1])
+        for each in told:
+            live.event(each)
+        live.rows(rows[1:])
+        assert first.intervals() == live.intervals()
+        (one,) = first.intervals()
+        assert (one.pairs, one.start_s, one.end_s) == (pairs or ("two", "one", "three"), 1.0, end_s)
+        assert (one.peak_force_N, one.peak_force_s) == (5.0, 1.0)
+        assert one.impulse_N_s == pytest.approx(impulse, abs=1e-15)
+
+
+def test_a_contact_that_ends_at_the_instant_where_a_run_goes_on_has_no_length():
+    layout = Layout((LAYOUT.signals[0], *signals_of("a-b", friction=False)))
+    rows = np.zeros((1, len(layout.signals)))
+    rows[0, [0, layout.index["contact.a_b_pairs"]]] = 4.5, 1.0
+    contacts = ContactIntervals(layout, goes_on=True)
+    contacts.event(record(ContactEnds, 2, np.nextafter(4.5, 5.0), 0.0, 0.0, 0.75))
+    contacts.rows(rows)
     assert contacts.intervals() == ()
 
 

@@ -47,6 +47,21 @@ def test_a_slide_goes_on(tmp_path):
     assert whole["contact.robot_box_mode"][-1] == 4.0
     assert np.array_equal(whole.log.rows[-len(rest.log.rows) :], rest.log.rows, equal_nan=True)
     assert rest["contact.robot_box_heat_J"][-1] > rest["contact.robot_box_heat_J"][0] > 0.0
+    (contact,), slip = rest.contacts, rest["contact.robot_box_slip_m"]
+    assert (contact.rule, len(contact.pairs), contact.start_s, contact.end_s) == ("robot-box", 1, rest.time[0], None)
+    assert contact.sliding_s == pytest.approx(rest.time[-1] - rest.time[0], abs=1e-12)
+    assert contact.slip_m == pytest.approx(slip[-1] - slip[0], abs=1e-12)
+
+
+def test_a_contact_that_lasts_is_told_from_the_first_row_on(logged, tmp_path):
+    """No record of the run has its beginning; its impulse is what the original's has left."""
+    (whole,) = (one for one in ffsm_mj.load_run(logged).contacts if one.start_s < 0.25 < (one.end_s or 0.0))
+    rest = ffsm_mj.resume(logged, 0.25, out=tmp_path / "rest", rerun=False)
+    (contact,), impulse = rest.contacts, rest["contact.paddle_impulse_N_s"]
+    assert (contact.rule, contact.pairs) == (whole.rule, whole.pairs)
+    assert (contact.start_s, contact.end_s) == (rest.time[0], whole.end_s)
+    assert 0.0 < contact.impulse_N_s == pytest.approx(impulse[-1] - impulse[0], abs=1e-12)
+    assert ffsm_mj.load_run(tmp_path / "rest").contacts == rest.contacts
 
 
 def test_settings_change_there_and_not_before(logged, tmp_path, capsys):

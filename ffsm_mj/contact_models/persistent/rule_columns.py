@@ -13,7 +13,7 @@ from ffsm_mj._core.rows import PointRows
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
-from ffsm_mj.records.signals import Signal, identifier
+from ffsm_mj.records.signals import Layout, Signal, identifier
 
 
 class RuleMode(IntEnum):
@@ -33,8 +33,9 @@ class RuleMode(IntEnum):
 
 _MODE = "contact state of {}: 0 open, 1 closed without force, 2 closed with force"
 _FRICTION_MODE = "contact state of {}: 0 open, 1 closed without force, 3 sticking, 4 sliding at one or more points"
+_PAIRS = "number of closed pairs of {}"
 _SIGNALS = (
-    ("pairs", "", "number of closed pairs of {}"),
+    ("pairs", "", _PAIRS),
     ("points", "", "number of contact points of {}"),
     ("force_N", "N", "contact force of {}, under the efforts of this row: sum of the resultants of its pairs; 0 if open"),
     *((f"force_{x}_N", "N", "resultant force of {} on its second side, world axes") for x in "xyz"),
@@ -123,6 +124,13 @@ def signals_of(rule: str, *, friction: bool) -> tuple[Signal, ...]:
     return tuple(
         Signal("contact", f"{identifier(rule)}_{name}", unit, meaning.format(rule)) for name, unit, meaning in named
     )
+
+
+def pairs_columns(layout: Layout) -> dict[str, int]:
+    """Column of the number of closed pairs, by rule; only its description has the name as it is."""
+    text = _PAIRS.format("")
+    columns = {signal.description: i for i, signal in enumerate(layout.signals) if signal.group == "contact"}
+    return {meaning.removeprefix(text): i for meaning, i in columns.items() if meaning.startswith(text)}
 
 
 def force_keys(rule: str) -> tuple[str, ...]:
