@@ -29,13 +29,13 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.contact_models.impact.friction.result import clip_to_cone
-from ffsm_mj.tolerances import CANCELLED, SOLVED
+from ffsm_mj.tolerances import CANCELLED, EPSILON, RANK, SOLVED
 
 _PIVOTS_PER_ROW = 20
 """Lemke's method is given up after so many pivots per row: a solution is found within a few, and it does not cycle."""
@@ -167,6 +167,11 @@ _MAX_FACETS = 700
 """Largest number of facets of all contacts together: a larger tableau takes many seconds."""
 
 
+_COMPLIANCES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 0.0)
+"""Compliance of redundant contacts, as shares of their inverse masses: the first is found from anywhere, each from the one
+before."""
+
+
 @dataclass
 class CoulombProblem:
     """k contacts at one instant.
@@ -207,8 +212,8 @@ def coulomb(contacts: CoulombProblem) -> tuple[FloatArray, float]:
     """Impulses, (k, 3), exactly inside their cones, and their residual; above SOLVED they are no solution."""
     least_only = np.zeros((len(contacts.mu), 3))
     least_only[:, 0] = contacts.least
-    # Start from the least impulses; pyramids give other starts if that fails.
-    best, residual = _solve(contacts, least_only)
+    # Start from the least impulses, or near the solution of compliant contacts; pyramids give other starts if that fails.
+    best, residual = _solve(contacts, _of_compliant(contacts, least_only))
     for facets, turn, wider in _pyramids(len(contacts.mu)):
         if residual <= SOLVED:
             break
@@ -223,6 +228,23 @@ def coulomb(contacts: CoulombProblem) -> tuple[FloatArray, float]:
     best[open_, 0] = contacts.least[open_]
     best[:, 0] = np.maximum(best[:, 0], contacts.least)
     return np.stack([clip_to_cone(impulse, mu) for impulse, mu in zip(best, contacts.mu, strict=True)]), residual
+
+
+def _of_compliant(contacts: CoulombProblem, start: FloatArray) -> FloatArray:
+    """Impulses, (k, 3), of contacts that yield less and less, at last not at all; the start itself where none is redundant.
+
+    Where friction at several points of a face slides in different directions, redundant contacts have many solutions, with
+    other velocities each: rounding, or the order of the points, would choose among them. Each of these problems has one.
+    """
+    sizes = np.linalg.eigvalsh(0.5 * (contacts.G + contacts.G.T))
+    if sizes[0] > RANK * sizes[-1]:
+        return start
+    yields, approach = np.diag(np.diag(contacts.G)), float(-contacts.u[::3].min())
+    # Where a body slides fast and lands slowly, a residual of its slip would be an approach that is left.
+    aim = _AIM * min(max(approach / contacts.speed, EPSILON), 1.0)
+    for share in _COMPLIANCES:
+        start, _ = _newton(replace(contacts, G=contacts.G + share * yields), start, aim)
+    return start
 
 
 def _pyramids(count: int) -> Iterator[tuple[int, float | None, float]]:
@@ -257,14 +279,14 @@ def _solve(contacts: CoulombProblem, start: FloatArray) -> tuple[FloatArray, flo
     return (best, residual) if residual <= SOLVED else _damped(contacts, best)
 
 
-def _newton(contacts: CoulombProblem, start: FloatArray) -> tuple[FloatArray, float]:
-    """Newton's method with a non-monotone line search."""
+def _newton(contacts: CoulombProblem, start: FloatArray, aim: float = _AIM) -> tuple[FloatArray, float]:
+    """Newton's method with a non-monotone line search, up to a residual."""
     impulses, share = start, contacts.share.ravel()
     violation, slopes = violation_of(contacts, impulses)
     best, least = impulses, float(np.abs(violation).max())
     sizes = deque([float(np.linalg.norm(violation))], maxlen=_MEMORY)
     for _ in range(_STEPS):
-        if least < _AIM:
+        if least < aim:
             break
         # In one unit for all unknowns the step of least norm shares impulses among redundant contacts by their inertia.
         step = np.linalg.lstsq(slopes * (share[:, None] / share), -violation, rcond=CANCELLED)[0] / share

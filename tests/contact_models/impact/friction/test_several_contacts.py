@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from ffsm_mj.contact_models.impact.friction import laws, result, routh
+from ffsm_mj.contact_models.impact.friction.coulomb import CoulombProblem, coulomb
 from ffsm_mj.contact_models.impact.friction.laws import impact_with_friction
 from ffsm_mj.contact_models.impact.friction.routh import stronge
 from ffsm_mj.errors import UnsupportedContactError
+from ffsm_mj.tolerances import SOLVED
 from tests.contact_models.impact.friction.problems import SPHERE, energy, problem, rod, rows
 
 LAWS = ["blend", "poisson"]
@@ -37,6 +39,36 @@ def box_on_edges(velocity):
     J = np.array([row for x in (0.5, -0.5) for row in ([0, 1, x], [1, 0, 0.2], [0, 0, 0])], dtype=float)
     root = np.sqrt([2.0, 2.0, 2 / 3 * (0.25 + 0.04)])
     return J / root, root, root * np.array(velocity)
+
+
+def cube_between_plates(order, rounding):
+    """A cube that drifts and turns between plates of 1 kg which close on it, four corners each: rows, masses, velocities.
+
+    Args:
+        order: Order of the corners.
+        rounding: Relative error of each number of the rows.
+    """
+    J = np.zeros((24, 8))
+    places = [(side, x, z) for side in (-1.0, 1.0) for x in (-0.04, 0.04) for z in (-0.04, 0.04)]
+    for at, (side, x, z) in enumerate(places[i] for i in order):
+        for row, along in enumerate(([0.0, -side, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0])):
+            J[3 * at + row, :6] = (*along, *np.cross((x, 0.1 * side, z), along))
+        J[3 * at, 6 if side < 0.0 else 7] = side
+    velocities = np.array([-0.02, 0.0, 0.013, 0.0, 0.15, 0.0, 0.185, -0.185])
+    return J * (1.0 + rounding), np.array([5.0, 5.0, 5.0, 0.03, 0.03, 0.03, 1.0, 1.0]), velocities
+
+
+def test_neither_order_nor_rounding_chooses_among_the_solutions_of_redundant_contacts(rng):
+    """Friction at the corners of a face that turns may stop it by a tenth or by a half: any share of the load solves it."""
+    after = []
+    for _ in range(10):
+        J, masses, v = cube_between_plates(rng.permutation(8), 1e-15 * rng.standard_normal((24, 8)))
+        problem_of_cube = CoulombProblem((J / masses) @ J.T, J @ v, np.full(8, 0.3), np.zeros(8), 0.2)
+        impulses, residual = coulomb(problem_of_cube)
+        assert residual <= SOLVED
+        after.append(v + J.T @ impulses.ravel() / masses)
+    # A rounding of 1e-15 over the last compliance, 1e-6, is 1e-9 of the speeds at most.
+    np.testing.assert_allclose(after, np.broadcast_to(after[0], (10, 8)), rtol=0.0, atol=2e-10)
 
 
 def test_the_guard_lowers_restitution_where_energy_would_grow():
