@@ -208,16 +208,16 @@ class ContactIntervals:
     def _go_on(self, row: FloatArray, records: Sequence[ContactRecord]) -> None:
         """Process the first row of a run that goes on, and the records so far."""
         time_s, index = float(row[self._layout.time]), self._layout.index
-        earlier = [told for told in records if told.time_s < time_s]
-        for told in earlier:
-            self._record(told)
+        earlier = sum(one.time_s < time_s for one in records)
+        for one in records[:earlier]:
+            self._record(one)
         for rule, column in pairs_columns(self._layout).items():
             impulse = self._columns(rule, "impulse_N_s")
             if row[column] > 0.0 and rule not in self._lasting and impulse:
                 slides = row[index.get(mode_key(rule), column)] == RuleMode.SLIDING
                 self._open(rule, time_s, float(row[impulse[0]])).go_on(float(row[column]), row, slides=bool(slides))
-        for told in records[len(earlier) :]:
-            self._record(told)
+        for one in records[earlier:]:
+            self._record(one)
 
     def _columns(self, rule: str, *names: str) -> list[int]:
         """Those of some columns of a rule that exist."""
